@@ -1,0 +1,2 @@
+//! The program `sagci`.
+fn main() {}

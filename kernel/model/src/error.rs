@@ -1,0 +1,34 @@
+use std::path::PathBuf;
+
+/// Why an object model could not be read, written or believed. Every message says where and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// A file of the model could not be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A file was read, but its text is not what it should be.
+    #[error("{}{}: {message}", path.display(), line.map(|l| format!(":{l}")).unwrap_or_default())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line in the file, counted from 1, where it is known.
+        line: Option<usize>,
+        /// What is wrong, and what to do about it.
+        message: String,
+    },
+    /// The files are well formed, but what they say cannot be: a negative mass, a loop of links, an unknown joint.
+    #[error("{}: {place}: {message}", path.display())]
+    Impossible {
+        /// The file.
+        path: PathBuf,
+        /// The link, joint, effect or grasp that is wrong.
+        place: String,
+        /// What is wrong, and what to do about it.
+        message: String,
+    },
+}
