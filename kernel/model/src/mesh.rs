@@ -41,7 +41,11 @@ fn read_binary_stl(bytes: &[u8]) -> Result<TriangleMesh, String> {
     let count = bytes.get(80..84).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes).ok_or("too short for an STL file")? as usize;
     let body = bytes.get(84..).unwrap_or(&[]);
     if body.len() != count.saturating_mul(50) {
-        return Err(format!("says it has {count} triangles, but holds {} bytes of them instead of {}", body.len(), count.saturating_mul(50)));
+        return Err(format!(
+            "says it has {count} triangles, but holds {} bytes of them instead of {}",
+            body.len(),
+            count.saturating_mul(50)
+        ));
     }
     let mut mesh = TriangleMesh::default();
     let mut index = std::collections::HashMap::new();

@@ -10,11 +10,13 @@ use crate::{Document, Geometry, Inertial, Joint, JointKind, JointLimits, Link, M
 /// Reads a URDF, orders its tree, and loads its meshes.
 pub(crate) fn read(path: &Path, document: Document) -> Result<ObjectModel, ModelError> {
     let text = std::fs::read_to_string(path).map_err(|source| ModelError::File { path: path.to_owned(), source })?;
-    let robot =
-        urdf_rs::read_from_string(&text).map_err(|e| ModelError::Malformed { path: path.to_owned(), line: None, message: e.to_string() })?;
+    let robot = urdf_rs::read_from_string(&text).map_err(|e| ModelError::Malformed {
+        path: path.to_owned(),
+        line: None,
+        message: e.to_string(),
+    })?;
     let folder = path.parent().unwrap_or(Path::new(".")).to_owned();
-    let impossible =
-        |place: &str, message: String| ModelError::Impossible { path: path.to_owned(), place: place.to_owned(), message };
+    let impossible = |place: &str, message: String| ModelError::Impossible { path: path.to_owned(), place: place.to_owned(), message };
 
     // Root first, then children in the order of the file: parents always stand before their children.
     let mut order: Vec<usize> = Vec::new();
@@ -74,7 +76,8 @@ pub(crate) fn read(path: &Path, document: Document) -> Result<ObjectModel, Model
             urdf_rs::JointType::Planar => JointKind::Planar,
             urdf_rs::JointType::Spherical => return Err(impossible(&j.name, "is spherical; that is not a URDF joint type".into())),
         };
-        let axis = Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9).ok_or_else(|| impossible(&j.name, "has an axis of length zero".into()))?;
+        let axis =
+            Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9).ok_or_else(|| impossible(&j.name, "has an axis of length zero".into()))?;
         let limits = match kind {
             JointKind::Revolute | JointKind::Prismatic => {
                 JointLimits { lower: j.limit.lower, upper: j.limit.upper, velocity: j.limit.velocity, effort: j.limit.effort }
