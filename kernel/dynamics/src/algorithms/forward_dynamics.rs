@@ -1,0 +1,140 @@
+//! Articulated bodies (Featherstone 2008, section 7.3, in world coordinates).
+//!
+//! Inward, with `U = I^A S`, `D = S^T U`, `u = tau - S^T p^A`:
+//! `I^a = I^A - U D^-1 U^T`, `p^a = p^A + I^a c + U D^-1 u`, both added to the parent. Outward: `A' = A_P + c`,
+//! `a = D^-1 (u - U^T A')`, `A = A' + S a`. Joints that follow others couple distant branches, which this recursion cannot
+//! see; a tree with such joints goes through its mass matrix.
+
+use nalgebra::Matrix6;
+
+use crate::error::check;
+use crate::linear::{cholesky, cholesky_solve};
+use crate::multibody::length;
+use crate::spatial::join;
+use crate::{DynamicsError, ExternalWrench, Multibody, SpatialVector, Workspace, cross_force};
+
+impl Multibody {
+    /// Accelerations `a` under the efforts `tau`, gravity and external forces at the workspace's state:
+    /// `a = M^-1 (tau - c(q, v) - g(q) + J^T F_ext)`. Joint damping and friction are not part of it.
+    ///
+    /// # Errors
+    /// A vector of the wrong length or with a number that is not finite; a joint that moves no inertia; a workspace of
+    /// another multibody.
+    pub fn forward_dynamics(
+        &self,
+        ws: &mut Workspace,
+        tau: &[f64],
+        external: &[ExternalWrench],
+        a: &mut [f64],
+    ) -> Result<(), DynamicsError> {
+        self.owns(ws)?;
+        check("tau", tau, self.nv)?;
+        length("a", a.len(), self.nv)?;
+        self.gather_external(ws, external)?;
+        if self.has_followers { self.through_mass_matrix(ws, tau, a) } else { self.articulated(ws, tau, a) }
+    }
+
+    fn through_mass_matrix(&self, ws: &mut Workspace, tau: &[f64], a: &mut [f64]) -> Result<(), DynamicsError> {
+        self.newton_euler(ws, None, true, a);
+        for (a, tau) in a.iter_mut().zip(tau) {
+            *a = tau - *a;
+        }
+        self.factor_mass_matrix(ws)?;
+        cholesky_solve(&ws.factor, self.nv, a);
+        Ok(())
+    }
+
+    fn articulated(&self, ws: &mut Workspace, tau: &[f64], a: &mut [f64]) -> Result<(), DynamicsError> {
+        for i in 1..self.bodies.len() {
+            let V = &ws.V[i];
+            ws.articulated[i] = ws.inertia[i].matrix();
+            ws.bias_force[i] = cross_force(V, &ws.inertia[i].times(V)) - ws.external[i];
+        }
+        for i in (1..self.bodies.len()).rev() {
+            let body = &self.bodies[i];
+            if body.nv == 1 {
+                let S = ws.S[body.tree];
+                let U = ws.articulated[i] * S;
+                let D = S.dot(&U) + self.armature[body.v];
+                if D.is_nan() || D <= 0.0 {
+                    return Err(self.no_inertia(body.v));
+                }
+                let u = tau[body.v] - S.dot(&ws.bias_force[i]);
+                ws.U[body.tree] = U;
+                ws.u[body.tree] = u;
+                ws.D[i][0] = 1.0 / D;
+                if body.parent != 0 {
+                    let scaled = U / D;
+                    let Ia = ws.articulated[i] - scaled * U.transpose();
+                    let pa = ws.bias_force[i] + Ia * ws.c[i] + scaled * u;
+                    ws.articulated[body.parent] += Ia;
+                    ws.bias_force[body.parent] += pa;
+                }
+            } else {
+                self.eliminate(ws, i, tau)?;
+            }
+        }
+        let zero = nalgebra::Vector3::zeros();
+        ws.A[0] = join(&zero, &-self.gravity);
+        for (i, body) in self.bodies.iter().enumerate().skip(1) {
+            let mut A = ws.A[body.parent] + ws.c[i];
+            let mut x = [0.0; 6];
+            for k in 0..body.nv {
+                x[k] = ws.u[body.tree + k] - ws.U[body.tree + k].dot(&A);
+            }
+            if body.nv == 1 {
+                x[0] *= ws.D[i][0];
+            } else {
+                cholesky_solve(&ws.D[i], body.nv, &mut x[..body.nv]);
+            }
+            for k in 0..body.nv {
+                A += ws.S[body.tree + k] * x[k];
+                a[body.v + k] = x[k];
+            }
+            ws.A[i] = A;
+        }
+        Ok(())
+    }
+
+    /// The inward step over a joint of several degrees of freedom.
+    fn eliminate(&self, ws: &mut Workspace, i: usize, tau: &[f64]) -> Result<(), DynamicsError> {
+        let body = &self.bodies[i];
+        let n = body.nv;
+        for k in 0..n {
+            let S = ws.S[body.tree + k];
+            ws.U[body.tree + k] = ws.articulated[i] * S;
+            ws.u[body.tree + k] = tau[body.v + k] - S.dot(&ws.bias_force[i]);
+        }
+        for k in 0..n {
+            for l in 0..n {
+                ws.D[i][k * n + l] = ws.S[body.tree + k].dot(&ws.U[body.tree + l]);
+            }
+            ws.D[i][k * n + k] += self.armature[body.v + k];
+        }
+        cholesky(&mut ws.D[i], n).map_err(|pivot| self.no_inertia(body.v + pivot))?;
+        if body.parent == 0 {
+            return Ok(());
+        }
+        let mut Ia = ws.articulated[i];
+        let mut Du = [0.0; 6];
+        Du[..n].copy_from_slice(&ws.u[body.tree..body.tree + n]);
+        cholesky_solve(&ws.D[i], n, &mut Du[..n]);
+        let mut pa = ws.bias_force[i];
+        for k in 0..n {
+            let mut e = [0.0; 6];
+            e[k] = 1.0;
+            cholesky_solve(&ws.D[i], n, &mut e[..n]);
+            let mut column = SpatialVector::zeros();
+            for l in 0..n {
+                column += ws.U[body.tree + l] * e[l];
+            }
+            Ia -= column * ws.U[body.tree + k].transpose();
+            pa += ws.U[body.tree + k] * Du[k];
+        }
+        let Ia: Matrix6<f64> = (Ia + Ia.transpose()) * 0.5;
+        pa += Ia * ws.c[i];
+        ws.articulated[body.parent] += Ia;
+        ws.bias_force[body.parent] += pa;
+        Ok(())
+    }
+}

@@ -1,0 +1,562 @@
+//! The constant part: a tree of moving bodies in flat arrays, parents before children. Fixed joints are merged into their
+//! parents and inertias lumped; every link of the models keeps its name and its pose on its body.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6, Vector3};
+use sagci_model::{JointKind, JointLimits, ObjectModel};
+
+use crate::error::hint;
+use crate::joint::{Motion, matrix};
+use crate::{DynamicsError, SpatialInertia, SpatialVector, Workspace};
+
+/// Standard gravity downwards, m/s^2.
+pub(crate) const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+
+/// One object model with its place in the world.
+#[derive(Debug, Clone)]
+pub struct Part<'a> {
+    /// Its name; links and joints are also found as `name/link`.
+    pub name: String,
+    /// The model.
+    pub model: &'a ObjectModel,
+    /// How its root link is placed.
+    pub base: Base,
+}
+
+/// How a part's root link `O` is placed.
+#[derive(Debug, Clone)]
+pub enum Base {
+    /// Fixed to the world at the pose `X_WO`.
+    Welded(Isometry3<f64>),
+    /// Free to move: a floating joint with the part's name stands before the part's joints.
+    Floating,
+    /// Fixed to a link of an earlier part, for example a held object.
+    Held {
+        /// Index of the earlier part.
+        part: usize,
+        /// Its link.
+        link: String,
+        /// Pose of the root link in that link.
+        X_LO: Isometry3<f64>,
+    },
+}
+
+impl<'a> Part<'a> {
+    /// A model fixed to the world, under its own name.
+    pub fn welded(model: &'a ObjectModel, X_WO: Isometry3<f64>) -> Self {
+        Self { name: model.name.clone(), model, base: Base::Welded(X_WO) }
+    }
+
+    /// A model that moves freely, under its own name.
+    pub fn floating(model: &'a ObjectModel) -> Self {
+        Self { name: model.name.clone(), model, base: Base::Floating }
+    }
+}
+
+/// Names one link of a multibody.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LinkId(pub(crate) usize);
+
+/// A joint of the models that moves on its own, and where it stands in `q` and `v`.
+#[derive(Debug, Clone)]
+pub struct JointInfo {
+    /// Name of its part.
+    pub part: String,
+    /// Name; a floating base has its part's name.
+    pub name: String,
+    /// Kind, never `Fixed`.
+    pub kind: JointKind,
+    /// Its entries in `q`.
+    pub q: Range<usize>,
+    /// Its entries in `v` and in efforts.
+    pub v: Range<usize>,
+    /// Limits; those of joints that follow it are taken in.
+    pub limits: JointLimits,
+    /// Viscous damping from the URDF, N m s/rad or N s/m.
+    pub damping: f64,
+    /// Dry friction from the URDF, N m or N.
+    pub friction: f64,
+}
+
+/// One link of the models: where it lies on its body.
+#[derive(Debug, Clone)]
+pub(crate) struct Frame {
+    pub part: usize,
+    pub name: String,
+    pub body: usize,
+    pub X_BL: Isometry3<f64>,
+}
+
+/// One moving body with the joint that moves it. Body 0 is the world and has no joint.
+#[derive(Debug, Clone)]
+pub(crate) struct Body {
+    pub parent: usize,
+    pub motion: Motion,
+    /// Pose of the joint's fixed frame on the parent body.
+    pub R_PJ: Matrix3<f64>,
+    pub p_PJ: Vector3<f64>,
+    /// First entries of its joint in `q`, in `v`, and among the tree's own degrees of freedom.
+    pub q: usize,
+    pub v: usize,
+    pub tree: usize,
+    /// Number of positions and of degrees of freedom.
+    pub nq: usize,
+    pub nv: usize,
+    /// A follower's position is `multiplier * q + offset`; 1 and 0 for a joint that moves on its own.
+    pub multiplier: f64,
+    pub offset: f64,
+    pub follows: bool,
+    /// Which of [`Multibody::joints`] moves it.
+    pub joint: usize,
+}
+
+/// A tree of rigid bodies: the constant part of all algorithms. See the crate's first page for its conventions.
+#[derive(Debug, Clone)]
+pub struct Multibody {
+    pub(crate) bodies: Vec<Body>,
+    /// Lumped inertia of each body in its own frame (that of the link its joint moves); what is fixed to the world is
+    /// entry 0.
+    pub(crate) inertia: Vec<SpatialInertia>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) joints: Vec<JointInfo>,
+    pub(crate) parts: Vec<String>,
+    /// Gravity, m/s^2.
+    pub(crate) gravity: Vector3<f64>,
+    /// Inertia that each drive adds to its own degree of freedom, kg m^2 or kg.
+    pub(crate) armature: Vec<f64>,
+    pub(crate) nq: usize,
+    pub(crate) nv: usize,
+    pub(crate) tree: usize,
+    pub(crate) has_followers: bool,
+}
+
+impl Multibody {
+    /// Puts models together. Joints that mimic another one follow it exactly: they add no degree of freedom.
+    ///
+    /// # Errors
+    /// Two parts of one name, a part held by a link that is not there, a joint that mimics one of more or less than one
+    /// degree of freedom, a joint behind which there is no inertia.
+    pub fn new(parts: &[Part<'_>]) -> Result<Self, DynamicsError> {
+        let world = Body {
+            parent: 0,
+            motion: Motion::new(JointKind::Fixed, &Vector3::z_axis()),
+            R_PJ: Matrix3::identity(),
+            p_PJ: Vector3::zeros(),
+            q: 0,
+            v: 0,
+            tree: 0,
+            nq: 0,
+            nv: 0,
+            multiplier: 1.0,
+            offset: 0.0,
+            follows: false,
+            joint: 0,
+        };
+        let mut built = Self {
+            bodies: vec![world],
+            inertia: vec![SpatialInertia::ZERO],
+            frames: Vec::new(),
+            joints: Vec::new(),
+            parts: Vec::new(),
+            gravity: GRAVITY,
+            armature: Vec::new(),
+            nq: 0,
+            nv: 0,
+            tree: 0,
+            has_followers: false,
+        };
+        for part in parts {
+            built.add(part)?;
+        }
+        built.armature = vec![0.0; built.nv];
+        built.check_inertia()?;
+        Ok(built)
+    }
+
+    /// One model fixed to the world.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn welded(model: &ObjectModel, X_WO: Isometry3<f64>) -> Result<Self, DynamicsError> {
+        Self::new(&[Part::welded(model, X_WO)])
+    }
+
+    fn add(&mut self, part: &Part<'_>) -> Result<(), DynamicsError> {
+        let fault = |place: &str, message: String| DynamicsError::Build { part: part.name.clone(), place: place.into(), message };
+        if self.parts.contains(&part.name) {
+            return Err(fault("name", "another part has this name; give each part its own".into()));
+        }
+        let index = self.parts.len();
+        self.parts.push(part.name.clone());
+        let model = part.model;
+        if model.links.len() != model.joints.len() + 1 {
+            return Err(fault("links", format!("{} links do not make a tree with {} joints", model.links.len(), model.joints.len())));
+        }
+
+        // Where each link lies: body, and pose on it.
+        let mut place: Vec<(usize, Isometry3<f64>)> = Vec::with_capacity(model.links.len());
+        place.push(match &part.base {
+            Base::Welded(X_WO) => (0, *X_WO),
+            Base::Held { part: holder, link, X_LO } => {
+                let frame = self.frames.iter().find(|f| f.part == *holder && f.name == *link && *holder < index);
+                let frame =
+                    frame.ok_or_else(|| fault("base", format!("is held by the link '{link}' of part {holder}, which is not there")))?;
+                (frame.body, frame.X_BL * X_LO)
+            }
+            Base::Floating => {
+                let motion = Motion::new(JointKind::Floating, &Vector3::z_axis());
+                self.joints.push(JointInfo {
+                    part: part.name.clone(),
+                    name: part.name.clone(),
+                    kind: JointKind::Floating,
+                    q: self.nq..self.nq + 7,
+                    v: self.nv..self.nv + 6,
+                    limits: JointLimits::NONE,
+                    damping: 0.0,
+                    friction: 0.0,
+                });
+                (self.push_body(0, motion, &Isometry3::identity(), None), Isometry3::identity())
+            }
+        });
+        let mut moved_by: Vec<Option<usize>> = vec![None; model.joints.len()];
+        // Followers can stand before the joint that they follow, so entries of `q` are given out first.
+        for (j, joint) in model.joints.iter().enumerate() {
+            if joint.kind == JointKind::Fixed || joint.mimic.is_some() {
+                continue;
+            }
+            moved_by[j] = Some(self.joints.len());
+            self.joints.push(JointInfo {
+                part: part.name.clone(),
+                name: joint.name.clone(),
+                kind: joint.kind,
+                q: self.nq..self.nq + joint.kind.positions(),
+                v: self.nv..self.nv + joint.kind.velocities(),
+                limits: joint.limits,
+                damping: joint.damping,
+                friction: joint.friction,
+            });
+            self.nq += joint.kind.positions();
+            self.nv += joint.kind.velocities();
+        }
+        for (j, joint) in model.joints.iter().enumerate() {
+            let Some(&(body, X_BP)) = place.get(joint.parent) else {
+                return Err(fault(&joint.name, "its parent link stands after its child".into()));
+            };
+            if joint.child != place.len() {
+                return Err(fault(&joint.name, "its child link is out of order".into()));
+            }
+            let X_BJ = X_BP * joint.X_PJ;
+            if joint.kind == JointKind::Fixed {
+                place.push((body, X_BJ));
+                continue;
+            }
+            let motion = Motion::new(joint.kind, &joint.axis);
+            let follows = match joint.mimic {
+                None => None,
+                Some(_) => Some(self.resolve_mimic(model, &moved_by, j).map_err(|m| fault(&joint.name, m))?),
+            };
+            let child = match (follows, moved_by[j]) {
+                (Some(follows), _) => self.push_body(body, motion, &X_BJ, Some(follows)),
+                (None, Some(info)) => self.push_placed(body, motion, &X_BJ, info),
+                (None, None) => return Err(fault(&joint.name, "has no place in q".into())),
+            };
+            place.push((child, Isometry3::identity()));
+        }
+        for (link, &(body, X_BL)) in model.links.iter().zip(&place) {
+            let own = SpatialInertia::from(&link.inertial);
+            self.inertia[body] += own.moved(&matrix(&X_BL.rotation), &X_BL.translation.vector);
+            self.frames.push(Frame { part: index, name: link.name.clone(), body, X_BL });
+        }
+        Ok(())
+    }
+
+    /// The joint that is followed in the end, with multiplier and offset, and the limits and losses of the follower given
+    /// to it.
+    fn resolve_mimic(&mut self, model: &ObjectModel, moved_by: &[Option<usize>], follower: usize) -> Result<(usize, f64, f64), String> {
+        let (mut multiplier, mut offset, mut at) = (1.0, 0.0, follower);
+        for _ in 0..model.joints.len() {
+            let joint = &model.joints[at];
+            if joint.kind.velocities() != 1 {
+                return Err(format!("'{}' cannot take part in a mimic: only joints of one degree of freedom can", joint.name));
+            }
+            let Some(mimic) = joint.mimic else {
+                let info = moved_by[at].ok_or_else(|| format!("mimics the fixed joint '{}'", joint.name))?;
+                self.follow_limits(info, &model.joints[follower], multiplier, offset);
+                return Ok((info, multiplier, offset));
+            };
+            // q = m (m' q' + o') + o
+            offset += multiplier * mimic.offset;
+            multiplier *= mimic.multiplier;
+            at = mimic.joint;
+            if at >= model.joints.len() {
+                return Err("mimics a joint that does not exist".into());
+            }
+        }
+        Err("mimics itself in a circle".into())
+    }
+
+    fn follow_limits(&mut self, info: usize, follower: &sagci_model::Joint, multiplier: f64, offset: f64) {
+        let leader = &mut self.joints[info];
+        if multiplier != 0.0 {
+            let (a, b) = ((follower.limits.lower - offset) / multiplier, (follower.limits.upper - offset) / multiplier);
+            leader.limits.lower = leader.limits.lower.max(a.min(b));
+            leader.limits.upper = leader.limits.upper.min(a.max(b));
+        }
+        // Power is kept: c (m v)^2 = (c m^2) v^2, and f |m v| = (f |m|) |v|.
+        leader.damping += follower.damping * multiplier * multiplier;
+        leader.friction += follower.friction * multiplier.abs();
+    }
+
+    /// A body of a joint whose entries in `q` and `v` are taken now (`None`), or that follows another joint.
+    fn push_body(&mut self, parent: usize, motion: Motion, X_PJ: &Isometry3<f64>, follows: Option<(usize, f64, f64)>) -> usize {
+        let (nq, nv) = (motion.kind.positions(), motion.kind.velocities());
+        let body = match follows {
+            Some((joint, multiplier, offset)) => {
+                let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
+                self.has_followers = true;
+                self.body(parent, motion, X_PJ, (q, v), joint, (multiplier, offset, true))
+            }
+            None => {
+                let (q, v) = (self.nq, self.nv);
+                self.nq += nq;
+                self.nv += nv;
+                self.body(parent, motion, X_PJ, (q, v), self.joints.len() - 1, (1.0, 0.0, false))
+            }
+        };
+        self.bodies.push(body);
+        self.inertia.push(SpatialInertia::ZERO);
+        self.tree += nv;
+        self.bodies.len() - 1
+    }
+
+    /// A body of a joint that has its entries in `q` and `v` already.
+    fn push_placed(&mut self, parent: usize, motion: Motion, X_PJ: &Isometry3<f64>, joint: usize) -> usize {
+        let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
+        let body = self.body(parent, motion, X_PJ, (q, v), joint, (1.0, 0.0, false));
+        self.tree += body.nv;
+        self.bodies.push(body);
+        self.inertia.push(SpatialInertia::ZERO);
+        self.bodies.len() - 1
+    }
+
+    fn body(
+        &self,
+        parent: usize,
+        motion: Motion,
+        X_PJ: &Isometry3<f64>,
+        (q, v): (usize, usize),
+        joint: usize,
+        (multiplier, offset, follows): (f64, f64, bool),
+    ) -> Body {
+        let (nq, nv) = (motion.kind.positions(), motion.kind.velocities());
+        let (R_PJ, p_PJ) = (matrix(&X_PJ.rotation), X_PJ.translation.vector);
+        Body { parent, motion, R_PJ, p_PJ, q, v, tree: self.tree, nq, nv, multiplier, offset, follows, joint }
+    }
+
+    /// Each joint must move some inertia, or its acceleration is undefined.
+    fn check_inertia(&self) -> Result<(), DynamicsError> {
+        let mut ws = self.workspace();
+        self.mass_matrix(&mut ws)?;
+        for joint in &self.joints {
+            if joint.v.clone().any(|i| ws.M[(i, i)] <= 0.0 || ws.M[(i, i)].is_nan()) {
+                return Err(DynamicsError::NoInertia { joint: joint.name.clone() });
+            }
+        }
+        Ok(())
+    }
+
+    /// A workspace at the neutral state.
+    pub fn workspace(&self) -> Workspace {
+        let (b, t, n) = (self.bodies.len(), self.tree, self.nv);
+        let mut ws = Workspace {
+            q: vec![0.0; self.nq],
+            v: vec![0.0; n],
+            v_tree: vec![0.0; t],
+            R_WB: vec![Matrix3::identity(); b],
+            p_WB: vec![Vector3::zeros(); b],
+            S: vec![SpatialVector::zeros(); t],
+            inertia: vec![SpatialInertia::ZERO; b],
+            V: vec![SpatialVector::zeros(); b],
+            c: vec![SpatialVector::zeros(); b],
+            A: vec![SpatialVector::zeros(); b],
+            F: vec![SpatialVector::zeros(); b],
+            external: vec![SpatialVector::zeros(); b],
+            composite: vec![SpatialInertia::ZERO; b],
+            articulated: vec![Matrix6::zeros(); b],
+            bias_force: vec![SpatialVector::zeros(); b],
+            U: vec![SpatialVector::zeros(); t],
+            D: vec![[0.0; 36]; b],
+            u: vec![0.0; t],
+            M: DMatrix::zeros(n, n),
+            factor: vec![0.0; n * n],
+            scratch: vec![0.0; n],
+        };
+        self.neutral_positions(&mut ws.q);
+        self.kinematics(&mut ws);
+        ws
+    }
+
+    /// Was the workspace made for a multibody of this shape?
+    pub(crate) fn owns(&self, ws: &Workspace) -> Result<(), DynamicsError> {
+        let same = ws.q.len() == self.nq && ws.v.len() == self.nv && ws.S.len() == self.tree && ws.V.len() == self.bodies.len();
+        if same { Ok(()) } else { Err(DynamicsError::ForeignWorkspace) }
+    }
+
+    /// Number of positions: the length of `q`.
+    pub fn nq(&self) -> usize {
+        self.nq
+    }
+
+    /// Number of velocities, efforts and accelerations: the length of `v`.
+    pub fn nv(&self) -> usize {
+        self.nv
+    }
+
+    /// The joints that move on their own, in the order of `q` and `v`.
+    pub fn joints(&self) -> &[JointInfo] {
+        &self.joints
+    }
+
+    /// Names of the parts.
+    pub fn parts(&self) -> &[String] {
+        &self.parts
+    }
+
+    /// All links of all parts: name of the part, name of the link.
+    pub fn links(&self) -> impl Iterator<Item = (LinkId, &str, &str)> + '_ {
+        self.frames.iter().enumerate().map(|(i, f)| (LinkId(i), self.parts[f.part].as_str(), f.name.as_str()))
+    }
+
+    /// A link by its name, or by `part/name`.
+    ///
+    /// # Errors
+    /// There is none, or more than one, of this name.
+    pub fn link(&self, name: &str) -> Result<LinkId, DynamicsError> {
+        let mut found = self.frames.iter().enumerate().filter(|(_, f)| self.answers(name, &self.parts[f.part], &f.name));
+        match (found.next(), found.next()) {
+            (Some((i, _)), None) => Ok(LinkId(i)),
+            (None, _) => Err(unknown("link", name, self.frames.iter().map(|f| f.name.as_str()))),
+            (Some(_), Some(_)) => Err(ambiguous("link", name)),
+        }
+    }
+
+    /// A moving joint by its name, or by `part/name`.
+    ///
+    /// # Errors
+    /// There is none, or more than one, of this name.
+    pub fn joint(&self, name: &str) -> Result<&JointInfo, DynamicsError> {
+        let mut found = self.joints.iter().filter(|j| self.answers(name, &j.part, &j.name));
+        match (found.next(), found.next()) {
+            (Some(j), None) => Ok(j),
+            (None, _) => Err(unknown("moving joint", name, self.joints.iter().map(|j| j.name.as_str()))),
+            (Some(_), Some(_)) => Err(ambiguous("moving joint", name)),
+        }
+    }
+
+    /// Entry in `v` of a joint of one degree of freedom. Its entry in `q` is [`JointInfo::q`].
+    ///
+    /// # Errors
+    /// There is no such joint, or it has more than one degree of freedom.
+    pub fn velocity_index(&self, name: &str) -> Result<usize, DynamicsError> {
+        let joint = self.joint(name)?;
+        if joint.v.len() == 1 {
+            Ok(joint.v.start)
+        } else {
+            Err(DynamicsError::Build {
+                part: joint.part.clone(),
+                place: joint.name.clone(),
+                message: format!("has {} degrees of freedom where one is needed", joint.v.len()),
+            })
+        }
+    }
+
+    /// Entries in `v` of several joints of one degree of freedom.
+    ///
+    /// # Errors
+    /// As [`Self::velocity_index`].
+    pub fn velocity_indices(&self, names: &[String]) -> Result<Vec<usize>, DynamicsError> {
+        names.iter().map(|n| self.velocity_index(n)).collect()
+    }
+
+    fn answers(&self, asked: &str, part: &str, name: &str) -> bool {
+        asked == name || asked.strip_prefix(part).and_then(|rest| rest.strip_prefix('/')) == Some(name)
+    }
+
+    /// Gravity in the world, m/s^2.
+    pub fn gravity(&self) -> Vector3<f64> {
+        self.gravity
+    }
+
+    /// Sets gravity in the world, m/s^2.
+    pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
+        self.gravity = gravity;
+    }
+
+    /// Inertia that a drive's rotor adds to each degree of freedom, by velocity, kg m^2 or kg.
+    pub fn armature_mut(&mut self) -> &mut [f64] {
+        &mut self.armature
+    }
+
+    /// Inertia of the body that carries a link (with all that is fixed to it), in the link's frame.
+    pub fn body_inertia(&self, link: LinkId) -> SpatialInertia {
+        let frame = &self.frames[link.0];
+        let X_LB = frame.X_BL.inverse();
+        self.inertia[frame.body].moved(&matrix(&X_LB.rotation), &X_LB.translation.vector)
+    }
+
+    /// Replaces the inertia of the body that carries a link, given in the link's frame. Takes effect with the next state.
+    pub fn set_body_inertia(&mut self, link: LinkId, inertia: &SpatialInertia) {
+        let frame = &self.frames[link.0];
+        self.inertia[frame.body] = inertia.moved(&matrix(&frame.X_BL.rotation), &frame.X_BL.translation.vector);
+    }
+
+    /// Writes the positions at which every joint's child lies on the joint's frame.
+    pub fn neutral_positions(&self, q: &mut [f64]) {
+        for body in self.bodies.iter().skip(1).filter(|b| !b.follows) {
+            if let Some(q) = q.get_mut(body.q..body.q + body.nq) {
+                body.motion.neutral(q);
+            }
+        }
+    }
+
+    /// Moves positions along a velocity held for the time `dt`.
+    ///
+    /// # Errors
+    /// A vector of the wrong length.
+    pub fn integrate(&self, q: &mut [f64], v: &[f64], dt: f64) -> Result<(), DynamicsError> {
+        length("q", q.len(), self.nq)?;
+        length("v", v.len(), self.nv)?;
+        for body in self.bodies.iter().skip(1).filter(|b| !b.follows) {
+            body.motion.integrate(&mut q[body.q..body.q + body.nq], &v[body.v..body.v + body.nv], dt);
+        }
+        Ok(())
+    }
+
+    /// The velocity that takes positions `from` to `to` in unit time.
+    ///
+    /// # Errors
+    /// A vector of the wrong length.
+    pub fn difference(&self, from: &[f64], to: &[f64], v: &mut [f64]) -> Result<(), DynamicsError> {
+        length("from", from.len(), self.nq)?;
+        length("to", to.len(), self.nq)?;
+        length("v", v.len(), self.nv)?;
+        for body in self.bodies.iter().skip(1).filter(|b| !b.follows) {
+            let range = body.q..body.q + body.nq;
+            body.motion.difference(&from[range.clone()], &to[range], &mut v[body.v..body.v + body.nv]);
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn length(what: &'static str, given: usize, needed: usize) -> Result<(), DynamicsError> {
+    if given == needed { Ok(()) } else { Err(DynamicsError::Length { what, given, needed }) }
+}
+
+fn unknown<'a>(kind: &str, name: &str, names: impl Iterator<Item = &'a str> + Clone) -> DynamicsError {
+    DynamicsError::Unknown { kind: kind.into(), name: name.into(), hint: hint(name, names) }
+}
+
+fn ambiguous(kind: &str, name: &str) -> DynamicsError {
+    DynamicsError::Unknown { kind: format!("single {kind}"), name: name.into(), hint: "; several parts have one: write part/name".into() }
+}

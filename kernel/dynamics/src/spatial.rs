@@ -1,0 +1,146 @@
+//! Spatial vectors and inertias (Featherstone 2008, chapter 2), angular part first.
+
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+
+/// `[omega; v]` of a motion, `[torque; force]` of a force.
+pub type SpatialVector = Vector6<f64>;
+
+/// Joins an angular and a linear part.
+#[inline]
+pub(crate) fn join(angular: &Vector3<f64>, linear: &Vector3<f64>) -> SpatialVector {
+    SpatialVector::new(angular.x, angular.y, angular.z, linear.x, linear.y, linear.z)
+}
+
+/// The angular part.
+#[inline]
+pub(crate) fn angular(V: &SpatialVector) -> Vector3<f64> {
+    Vector3::new(V[0], V[1], V[2])
+}
+
+/// The linear part.
+#[inline]
+pub(crate) fn linear(V: &SpatialVector) -> Vector3<f64> {
+    Vector3::new(V[3], V[4], V[5])
+}
+
+/// `V x W`: the rate of a motion `W` that is carried along by `V`.
+#[inline]
+pub fn cross_motion(V: &SpatialVector, W: &SpatialVector) -> SpatialVector {
+    let omega = angular(V);
+    join(&omega.cross(&angular(W)), &(omega.cross(&linear(W)) + linear(V).cross(&angular(W))))
+}
+
+/// `V x* F`: the rate of a force `F` that is carried along by `V`.
+#[inline]
+pub fn cross_force(V: &SpatialVector, F: &SpatialVector) -> SpatialVector {
+    let omega = angular(V);
+    join(&(omega.cross(&angular(F)) + linear(V).cross(&linear(F))), &omega.cross(&linear(F)))
+}
+
+/// A force (N) at a point (m) with a torque (N m), all in one frame, taken to that frame's origin.
+#[inline]
+pub fn wrench_at_origin(force: &Vector3<f64>, torque: &Vector3<f64>, point: &Point3<f64>) -> SpatialVector {
+    join(&(torque + point.coords.cross(force)), force)
+}
+
+/// Mass properties about the origin of the frame that they are written in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpatialInertia {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Mass times the centre of mass, kg m.
+    pub h: Vector3<f64>,
+    /// Rotational inertia about the frame's origin, kg m^2, symmetric.
+    pub I: Matrix3<f64>,
+}
+
+impl SpatialInertia {
+    /// Nothing.
+    pub const ZERO: Self = Self { mass: 0.0, h: Vector3::new(0.0, 0.0, 0.0), I: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) };
+
+    /// From the mass, the centre of mass and the inertia about it.
+    #[inline]
+    pub fn new(mass: f64, center: &Vector3<f64>, I_cm: &Matrix3<f64>) -> Self {
+        Self { mass, h: center * mass, I: I_cm + about(mass, center) }
+    }
+
+    /// Centre of mass; the origin for a massless body.
+    pub fn center(&self) -> Vector3<f64> {
+        if self.mass > 0.0 { self.h / self.mass } else { Vector3::zeros() }
+    }
+
+    /// Inertia about the centre of mass.
+    pub fn about_center(&self) -> Matrix3<f64> {
+        self.I - about(self.mass, &self.center())
+    }
+
+    /// The same body written in another frame: `R`, `p` are the pose of this inertia's frame in the new one.
+    #[inline]
+    pub fn moved(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+        // With c = p + R h / m:  I' = R (I - m(...)) R^T + m(...) written without the division by m.
+        let h = R * self.h;
+        let I = R * self.I * R.transpose();
+        let cross = p.dot(&h);
+        // -(p x)(h x) - (h x)(p x) = 2 (p.h) 1 - p h^T - h p^T
+        let shift = Matrix3::from_diagonal_element(2.0 * cross) - p * h.transpose() - h * p.transpose();
+        Self { mass: self.mass, h: h + p * self.mass, I: I + shift + about(self.mass, p) }
+    }
+
+    /// Momentum of the body that moves with `V`.
+    #[inline]
+    pub fn times(&self, V: &SpatialVector) -> SpatialVector {
+        let (omega, v) = (angular(V), linear(V));
+        join(&(self.I * omega + self.h.cross(&v)), &(v * self.mass - self.h.cross(&omega)))
+    }
+
+    /// As a 6 x 6 matrix.
+    #[inline]
+    pub fn matrix(&self) -> Matrix6<f64> {
+        let mut A = Matrix6::zeros();
+        A.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.I);
+        let (x, y, z) = (self.h.x, self.h.y, self.h.z);
+        A[(0, 4)] = -z;
+        A[(0, 5)] = y;
+        A[(1, 3)] = z;
+        A[(1, 5)] = -x;
+        A[(2, 3)] = -y;
+        A[(2, 4)] = x;
+        A[(4, 0)] = -z;
+        A[(5, 0)] = y;
+        A[(3, 1)] = z;
+        A[(5, 1)] = -x;
+        A[(3, 2)] = -y;
+        A[(4, 2)] = x;
+        for i in 3..6 {
+            A[(i, i)] = self.mass;
+        }
+        A
+    }
+}
+
+/// `m (c.c 1 - c c^T)`: inertia of a point mass about the origin.
+#[inline]
+fn about(mass: f64, c: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::from_diagonal_element(mass * c.dot(c)) - c * c.transpose() * mass
+}
+
+impl std::ops::Add for SpatialInertia {
+    type Output = Self;
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        Self { mass: self.mass + other.mass, h: self.h + other.h, I: self.I + other.I }
+    }
+}
+
+impl std::ops::AddAssign for SpatialInertia {
+    #[inline]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl From<&sagci_model::Inertial> for SpatialInertia {
+    fn from(i: &sagci_model::Inertial) -> Self {
+        Self::new(i.mass, &i.p_LoLcm.coords, &i.I_LLcm_L)
+    }
+}

@@ -1,0 +1,69 @@
+use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
+
+use crate::{LinkId, SpatialInertia, SpatialVector};
+
+/// Everything that changes while one multibody is computed with. Made once by [`crate::Multibody::workspace`]; nothing
+/// allocates afterwards. It always holds a state: at first the neutral one at rest.
+///
+/// Index 0 of the arrays by body is the world. Spatial quantities are in the world's axes at the world's origin.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    /// Positions of the state.
+    pub(crate) q: Vec<f64>,
+    /// Velocities of the state.
+    pub(crate) v: Vec<f64>,
+    /// Velocities of the tree's own degrees of freedom: those of followers included.
+    pub(crate) v_tree: Vec<f64>,
+    /// Pose of each body.
+    pub(crate) R_WB: Vec<Matrix3<f64>>,
+    pub(crate) p_WB: Vec<Vector3<f64>>,
+    /// Motion subspace, one column a degree of freedom of the tree.
+    pub(crate) S: Vec<SpatialVector>,
+    /// Inertia of each body.
+    pub(crate) inertia: Vec<SpatialInertia>,
+    /// Velocity of each body.
+    pub(crate) V: Vec<SpatialVector>,
+    /// `V_i x S_i v_i`: acceleration that each joint adds at constant `v`.
+    pub(crate) c: Vec<SpatialVector>,
+    /// Acceleration, then scratch.
+    pub(crate) A: Vec<SpatialVector>,
+    /// Forces, then scratch.
+    pub(crate) F: Vec<SpatialVector>,
+    /// External force on each body; zero unless being applied.
+    pub(crate) external: Vec<SpatialVector>,
+    /// Composite inertias.
+    pub(crate) composite: Vec<SpatialInertia>,
+    /// Articulated inertias and bias forces, with what the acceleration pass needs again.
+    pub(crate) articulated: Vec<Matrix6<f64>>,
+    pub(crate) bias_force: Vec<SpatialVector>,
+    pub(crate) U: Vec<SpatialVector>,
+    /// Factor of each joint's inertia, 6 x 6 at most, and its right-hand side.
+    pub(crate) D: Vec<[f64; 36]>,
+    pub(crate) u: Vec<f64>,
+    /// Mass matrix, and its Cholesky factor, row-major.
+    pub(crate) M: DMatrix<f64>,
+    pub(crate) factor: Vec<f64>,
+    /// Scratch by velocity.
+    pub(crate) scratch: Vec<f64>,
+}
+
+/// A force on a link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExternalWrench {
+    /// The link.
+    pub link: LinkId,
+    /// `[torque; force]` in the world's axes at the world's origin (N m, N): see [`crate::wrench_at_origin`].
+    pub F_W: SpatialVector,
+}
+
+impl Workspace {
+    /// Positions of the state that was set last.
+    pub fn q(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Velocities of the state that was set last.
+    pub fn v(&self) -> &[f64] {
+        &self.v
+    }
+}
