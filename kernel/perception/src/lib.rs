@@ -10,10 +10,20 @@
 //! Frames: `W` world, `O` root link of the object, `L` a link, `C` camera (x right, y down, z forward), `R` robot root.
 #![forbid(unsafe_code)]
 
+mod align;
 mod error;
+mod evidence;
+mod frame;
+mod hypothesis;
+mod locate;
+mod problem;
 mod request;
+mod scene;
+mod surface;
 mod view;
 
 pub use error::PerceptionError;
+pub use locate::locate;
 pub use request::{Freedom, JointSearch, Located, Place, Prior, Request, SceneRequest};
+pub use scene::locate_scene;
 pub use view::{KnownBody, View, X_WC, robot_positions};
