@@ -37,6 +37,7 @@ mod workspace;
 pub use algorithms::momentum::Momentum;
 pub use error::DynamicsError;
 pub use joint::plane_axes;
+pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};
 pub use multibody::{Base, JointInfo, LinkId, Multibody, Part};
 pub use spatial::{SpatialInertia, SpatialVector, cross_force, cross_motion, wrench_at_origin};
 pub use workspace::{ExternalWrench, Workspace};

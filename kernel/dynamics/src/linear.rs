@@ -1,14 +1,18 @@
 //! Dense Cholesky factorisation in place, row-major, for the small matrices of one tree.
 
-/// Factors the lower triangle of the symmetric `n x n` matrix `A` as `L L^T`; the index of the pivot that is not positive
-/// otherwise.
-pub(crate) fn cholesky(A: &mut [f64], n: usize) -> Result<(), usize> {
+/// Factors the lower triangle of the symmetric, row-major `n x n` matrix `A` as `L L^T`, in place.
+///
+/// # Errors
+/// The index of the first pivot that is not positive (or not a number).
+///
+/// # Panics
+/// `A` has fewer than `n * n` entries.
+pub fn cholesky(A: &mut [f64], n: usize) -> Result<(), usize> {
     for j in 0..n {
         let mut d = A[j * n + j];
         for k in 0..j {
             d -= A[j * n + k] * A[j * n + k];
         }
-        // Also catches a pivot that is not a number.
         if d.is_nan() || d <= 0.0 {
             return Err(j);
         }
@@ -25,8 +29,11 @@ pub(crate) fn cholesky(A: &mut [f64], n: usize) -> Result<(), usize> {
     Ok(())
 }
 
-/// Solves `L L^T x = b` in place.
-pub(crate) fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
+/// Solves `L x = b` in place, with `L` from [`cholesky`].
+///
+/// # Panics
+/// `L` has fewer than `n * n` entries, or `x` fewer than `n`.
+pub fn cholesky_solve_lower(L: &[f64], n: usize, x: &mut [f64]) {
     for i in 0..n {
         let mut s = x[i];
         for k in 0..i {
@@ -34,6 +41,14 @@ pub(crate) fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
         }
         x[i] = s / L[i * n + i];
     }
+}
+
+/// Solves `L L^T x = b` in place, with `L` from [`cholesky`].
+///
+/// # Panics
+/// `L` has fewer than `n * n` entries, or `x` fewer than `n`.
+pub fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
+    cholesky_solve_lower(L, n, x);
     for i in (0..n).rev() {
         let mut s = x[i];
         for k in i + 1..n {
