@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod articulation;
 mod collision;
 mod convert;
 mod error;
@@ -18,7 +19,9 @@ mod path;
 mod scene;
 mod spline;
 mod timing;
+mod transfer;
 
+pub use articulation::{ArticulationPlan, ArticulationRequest, joint_dynamics, plan_articulation};
 pub use collision::{CollisionWorld, Contact, LinkSet};
 pub use error::PlanError;
 pub use free_motion::{FreeMotionOptions, FreePath, free_motion, tool_stray};
@@ -29,3 +32,4 @@ pub use object_motion::{JointDynamics, ObjectMotionOptions, ObjectTrajectory, ob
 pub use path::{ArmPath, PathCheck, PathOptions, ToolPath, Waypoint, arm_path, straight_line};
 pub use scene::{Scene, SceneObject};
 pub use timing::{InverseDynamics, JointSample, JointTrajectory, MotionLimits, time_path};
+pub use transfer::{Destination, PickPlan, PlacePlan, TransferOptions, extents, plan_pick, plan_place};
