@@ -5,9 +5,25 @@
 //! of a finished run reads it.
 #![forbid(unsafe_code)]
 
+mod camera;
+mod convert;
+mod geometry;
+pub mod judge;
+mod perturbation;
+mod random;
+mod rapier;
 mod scene;
+mod sensors;
+#[cfg(test)]
+mod testing;
+mod truth;
 
+pub use perturbation::Perturbation;
+pub use rapier::RapierWorld;
 pub use scene::{Placement, Scene, SceneObject};
+pub use sensors::SensorNoise;
+
+use judge::{Goal, Verdict};
 
 use sagci_signal::{Command, DepthImage, Observation};
 
@@ -28,11 +44,46 @@ pub trait World: Send {
 
     /// Holds the command for one control period.
     fn advance(&mut self, command: &Command) -> Result<(), WorldError>;
+
+    /// Ends the run and holds the goals against what is true. It consumes the world, so that nobody can act on the
+    /// answer. `None` where the truth is not known: a real robot, a recording without it, a world never reset.
+    fn judge(self: Box<Self>, goals: &[Goal]) -> Option<Verdict> {
+        let _ = goals;
+        None
+    }
+}
+
+/// How a measured world is made.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct WorldOptions {
+    /// How far it may differ from the stored models.
+    pub perturbation: Perturbation,
+    /// How well its sensors measure.
+    pub sensors: SensorNoise,
+}
+
+/// The kinds of worlds that [`open`] knows.
+pub const KINDS: [&str; 1] = ["rapier"];
+
+/// Makes a measured world of a kind, one of [`KINDS`].
+pub fn open(kind: &str, options: WorldOptions) -> Result<Box<dyn World>, WorldError> {
+    match kind {
+        "rapier" => Ok(Box::new(RapierWorld::new(options))),
+        other => Err(WorldError::Kind { kind: other.to_owned(), known: KINDS.join(", ") }),
+    }
 }
 
 /// Why the world could not answer.
 #[derive(Debug, thiserror::Error)]
 pub enum WorldError {
+    /// There is no such kind of world.
+    #[error("there is no world of the kind '{kind}'; choose one of: {known}")]
+    Kind {
+        /// What was asked for.
+        kind: String,
+        /// What there is.
+        known: String,
+    },
     /// The scene cannot be built.
     #[error("scene: {place}: {message}")]
     Scene {

@@ -1,0 +1,10 @@
+//! The judge of a finished run: goals, read from a file beside the script, held against the world's true state.
+//!
+//! Judging consumes the world, so that nobody can act on what it says.
+
+mod goal;
+mod verdict;
+
+pub(crate) use goal::Resolved;
+pub use goal::{Goal, GoalError, Goals, Inside, JointAt, JointPassed, Untouched, Upright};
+pub use verdict::{GoalVerdict, Verdict};
