@@ -41,9 +41,7 @@ fn along_z() -> UnitQuaternion<f64> {
 fn convex(shape: &Shape) -> Option<(Isometry3<f64>, SharedShape)> {
     let positive = |lengths: &[f64]| lengths.iter().all(|l| l.is_finite() && *l > 0.0);
     match &shape.geometry {
-        Geometry::Box { half_extents: h } => {
-            positive(&[h.x, h.y, h.z]).then(|| (shape.X_LG, SharedShape::cuboid(h.x, h.y, h.z)))
-        }
+        Geometry::Box { half_extents: h } => positive(&[h.x, h.y, h.z]).then(|| (shape.X_LG, SharedShape::cuboid(h.x, h.y, h.z))),
         Geometry::Sphere { radius } => positive(&[*radius]).then(|| (shape.X_LG, SharedShape::ball(*radius))),
         Geometry::Cylinder { radius, half_length } => {
             positive(&[*radius, *half_length]).then(|| (shape.X_LG * along_z(), SharedShape::cylinder(*half_length, *radius)))

@@ -16,6 +16,7 @@ mod scene;
 mod sensors;
 #[cfg(test)]
 mod testing;
+#[allow(dead_code)] // Written down by the recorder only.
 mod truth;
 
 pub use perturbation::Perturbation;

@@ -47,10 +47,7 @@ impl Camera {
         if !(spec.range[0] >= 0.0 && spec.range[1] > spec.range[0] && spec.range[1].is_finite()) {
             return Err(wrong(format!("its range {:?} is not from a nearest to a farther depth", spec.range)));
         }
-        let error = Isometry3::from_parts(
-            Translation3::from(constant.in_ball() * bounds.camera_shift),
-            constant.turn(bounds.camera_turn),
-        );
+        let error = Isometry3::from_parts(Translation3::from(constant.in_ball() * bounds.camera_shift), constant.turn(bounds.camera_turn));
         let X_LC = spec.X_LC.isometry() * error;
         Ok(Self { spec, link, X_LC, surfaces: surfaces::of(scene)?, noise, random })
     }
@@ -115,10 +112,7 @@ impl Camera {
                     if c.center.coords.norm_squared() - forward * forward > c.radius * c.radius {
                         continue;
                     }
-                    let ray = Ray::new(
-                        convert::vector(&c.X_SC.translation.vector),
-                        convert::vector(&(c.X_SC.rotation * direction)),
-                    );
+                    let ray = Ray::new(convert::vector(&c.X_SC.translation.vector), convert::vector(&(c.X_SC.rotation * direction)));
                     if let Some(hit) = c.surface.mesh.cast_local_ray_and_get_normal(&ray, best.min(1e3), false)
                         && hit.time_of_impact < best
                     {

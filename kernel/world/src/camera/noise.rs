@@ -111,15 +111,13 @@ pub(super) fn measure(ideal: &Ideal, camera: &Camera, scale: f64, random: &mut R
 fn across_edge(ideal: &Ideal, column: usize, row: usize) -> Option<f64> {
     let z = ideal.depth[row * ideal.width + column];
     let neighbours = [(column.wrapping_sub(1), row), (column + 1, row), (column, row.wrapping_sub(1)), (column, row + 1)];
-    neighbours
-        .into_iter()
-        .filter(|&(c, r)| c < ideal.width && r < ideal.height)
-        .map(|(c, r)| ideal.depth[r * ideal.width + c])
-        .find(|&other| {
+    neighbours.into_iter().filter(|&(c, r)| c < ideal.width && r < ideal.height).map(|(c, r)| ideal.depth[r * ideal.width + c]).find(
+        |&other| {
             // A slanted surface is no edge: its step grows with the distance and the slant.
             let slant = 4.0 * z / ideal.width as f64;
             other > 0.0 && (other - z).abs() > EDGE + slant
-        })
+        },
+    )
 }
 
 /// Which pixels of the left imager the right one sees too. Going from right to left, a point is hidden where something

@@ -88,9 +88,7 @@ impl Triangles {
             Geometry::Box { half_extents } => (Cuboid::new(convert::vector(half_extents)).to_trimesh(), false),
             Geometry::Sphere { radius } => (Ball::new(*radius).to_trimesh(SEGMENTS, SEGMENTS / 2), false),
             Geometry::Cylinder { radius, half_length } => (Cylinder::new(*half_length, *radius).to_trimesh(SEGMENTS), true),
-            Geometry::Capsule { radius, half_length } => {
-                (Capsule::new_y(*half_length, *radius).to_trimesh(SEGMENTS, SEGMENTS / 2), true)
-            }
+            Geometry::Capsule { radius, half_length } => (Capsule::new_y(*half_length, *radius).to_trimesh(SEGMENTS, SEGMENTS / 2), true),
             Geometry::Mesh { mesh, .. } => {
                 ((mesh.vertices.iter().map(|v| convert::vector(&v.coords)).collect(), mesh.triangles.clone()), false)
             }

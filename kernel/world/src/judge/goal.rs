@@ -214,13 +214,9 @@ impl Goal {
         let region = |g: &Inside| g.region.as_ref().map_or_else(|| g.of.clone(), |r| format!("{} of {}", r, g.of));
         match self {
             Self::JointPassed(g) => format!("{}/{} past {}", g.object, g.joint, amount(g.past_deg, g.past_cm)),
-            Self::JointAt(g) => format!(
-                "{}/{} finally within {} of {}",
-                g.object,
-                g.joint,
-                amount(g.within_deg, g.within_cm),
-                amount(g.at_deg, g.at_cm)
-            ),
+            Self::JointAt(g) => {
+                format!("{}/{} finally within {} of {}", g.object, g.joint, amount(g.within_deg, g.within_cm), amount(g.at_deg, g.at_cm))
+            }
             Self::Inside(g) => format!("{} inside {}", g.object, region(g)),
             Self::Outside(g) => format!("{} out of {}", g.object, region(g)),
             Self::Upright(g) => format!("{} upright within {} deg", g.object, g.within_deg),
@@ -295,7 +291,9 @@ fn find_region(scene: &Scene, goal: &Inside) -> Result<(usize, usize, usize, Reg
         let known: Vec<&str> = regions.iter().map(|r| r.name.as_str()).collect();
         format!("the model of '{}' has no such region; it has [{}]", goal.of, known.join(", "))
     })?;
-    let link = model.link(&region.link).ok_or_else(|| format!("the region '{}' is on the link '{}', which does not exist", region.name, region.link))?;
+    let link = model
+        .link(&region.link)
+        .ok_or_else(|| format!("the region '{}' is on the link '{}', which does not exist", region.name, region.link))?;
     Ok((object, of, link, region.clone()))
 }
 

@@ -3,8 +3,8 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use rapier3d_f64::dynamics::{
-    CoefficientCombineRule, GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, MultibodyDofCoupling,
-    MultibodyJointHandle, RigidBodyBuilder, RigidBodyHandle,
+    CoefficientCombineRule, GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, MultibodyDofCoupling, MultibodyJointHandle,
+    RigidBodyBuilder, RigidBodyHandle,
 };
 use rapier3d_f64::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
 use rapier3d_f64::pipeline::PhysicsWorld;
@@ -105,7 +105,8 @@ struct Mass {
 }
 
 impl Mass {
-    const NONE: Self = Self { mass: 0.0, first_moment: Vector3::new(0.0, 0.0, 0.0), inertia: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.) };
+    const NONE: Self =
+        Self { mass: 0.0, first_moment: Vector3::new(0.0, 0.0, 0.0), inertia: Matrix3::new(0., 0., 0., 0., 0., 0., 0., 0., 0.) };
 
     fn add(&mut self, mass: f64, center: Vector3<f64>, about_center: Matrix3<f64>) {
         self.mass += mass;
@@ -228,6 +229,13 @@ pub(super) fn add(world: &mut PhysicsWorld, plan: &Plan) -> Result<Thing, WorldE
         world.insert_collider(collider, Some(bodies[body]));
     }
 
+    // Else the bodies have no mass until the first step.
+    for handle in &bodies {
+        if let Some(body) = world.bodies.get_mut(*handle) {
+            body.recompute_mass_properties_from_colliders(&world.colliders);
+        }
+    }
+
     let mut joints = Vec::with_capacity(model.joints.len());
     for (i, joint) in model.joints.iter().enumerate() {
         if joint.kind == JointKind::Fixed {
@@ -277,11 +285,8 @@ fn arrange(world: &mut PhysicsWorld, plan: &Plan, thing: &Thing) -> Option<()> {
     let model = plan.model;
     let Some(first) = thing.joints.iter().flatten().next() else { return Some(()) };
     let position = joint_positions(model, plan.q);
-    let ids: Vec<Option<usize>> = thing
-        .joints
-        .iter()
-        .map(|joint| joint.as_ref().and_then(|j| world.multibody_joints.get(j.handle)).map(|(_, id)| id))
-        .collect();
+    let ids: Vec<Option<usize>> =
+        thing.joints.iter().map(|joint| joint.as_ref().and_then(|j| world.multibody_joints.get(j.handle)).map(|(_, id)| id)).collect();
     let PhysicsWorld { multibody_joints, bodies, .. } = world;
     let (multibody, _) = multibody_joints.get_mut(first.handle)?;
     multibody.set_self_contacts_enabled(false);

@@ -20,26 +20,71 @@ pub(super) struct JointEffects {
 /// One effect with its parameters. `q` in rad or m, `v` in rad/s or m/s.
 #[derive(Debug, Clone, PartialEq)]
 enum Term {
-    Viscous { damping: f64 },
-    Coulomb { friction: f64 },
+    Viscous {
+        damping: f64,
+    },
+    Coulomb {
+        friction: f64,
+    },
     /// (Fc + (Fs - Fc) exp(-|v/vs|^a)) sgn v. Armstrong-Helouvry, Dupont, Canudas de Wit 1994.
-    Stribeck { friction: f64, static_friction: f64, stribeck_velocity: f64, exponent: f64 },
-    Asymmetric { friction: [f64; 2], damping: [f64; 2] },
-    Drag { drag: f64 },
+    Stribeck {
+        friction: f64,
+        static_friction: f64,
+        stribeck_velocity: f64,
+        exponent: f64,
+    },
+    Asymmetric {
+        friction: [f64; 2],
+        damping: [f64; 2],
+    },
+    Drag {
+        drag: f64,
+    },
     /// (F + A exp(-x^2/2)) sgn v, x = (q - position) / width.
-    Position { friction: f64, amplitude: f64, position: f64, width: f64 },
-    Armature { inertia: f64 },
-    Bias { bias: f64 },
-    Spring { stiffness: f64, rest_position: f64 },
-    Tilt { amplitude: f64, phase: f64 },
+    Position {
+        friction: f64,
+        amplitude: f64,
+        position: f64,
+        width: f64,
+    },
+    Armature {
+        inertia: f64,
+    },
+    Bias {
+        bias: f64,
+    },
+    Spring {
+        stiffness: f64,
+        rest_position: f64,
+    },
+    Tilt {
+        amplitude: f64,
+        phase: f64,
+    },
     /// F exp(-q / w).
-    Gasket { force: f64, width: f64 },
+    Gasket {
+        force: f64,
+        width: f64,
+    },
     /// F x exp(1/2 - x^2/2), x = (q - position) / width.
-    Detent { force: f64, position: f64, width: f64 },
+    Detent {
+        force: f64,
+        position: f64,
+        width: f64,
+    },
     /// Below `position`: damping v while closing, and stiffness q.
-    SoftClose { damping: f64, position: f64, stiffness: f64 },
+    SoftClose {
+        damping: f64,
+        position: f64,
+        stiffness: f64,
+    },
     /// (k d + l d dd)+ beyond `position`. Hunt, Crossley 1975.
-    HardStop { stiffness: f64, dissipation: f64, position: f64, side: f64 },
+    HardStop {
+        stiffness: f64,
+        dissipation: f64,
+        position: f64,
+        side: f64,
+    },
 }
 
 /// Names that [`JointEffects`] knows, for messages.
@@ -186,14 +231,10 @@ impl Term {
             "joint_spring" => Self::Spring { stiffness: p.positive("stiffness")?, rest_position: p.number("rest_position")? },
             "hinge_tilt" => Self::Tilt { amplitude: p.number("amplitude")?, phase: p.number("phase")? },
             "magnetic_gasket" => Self::Gasket { force: p.positive("force")?, width: p.above_zero("width")? },
-            "detent" => {
-                Self::Detent { force: p.number("force")?, position: p.number("position")?, width: p.above_zero("width")? }
+            "detent" => Self::Detent { force: p.number("force")?, position: p.number("position")?, width: p.above_zero("width")? },
+            "soft_close_damper" => {
+                Self::SoftClose { damping: p.positive("damping")?, position: p.number("position")?, stiffness: p.positive("stiffness")? }
             }
-            "soft_close_damper" => Self::SoftClose {
-                damping: p.positive("damping")?,
-                position: p.number("position")?,
-                stiffness: p.positive("stiffness")?,
-            },
             "hard_stop" => Self::HardStop {
                 stiffness: p.positive("stiffness")?,
                 dissipation: p.positive("dissipation")?,
@@ -201,10 +242,7 @@ impl Term {
                 side: p.number("side")?.signum(),
             },
             other => {
-                return Err(format!(
-                    "the effect '{other}' is not simulated by this world; it knows {}",
-                    KNOWN.join(", ")
-                ));
+                return Err(format!("the effect '{other}' is not simulated by this world; it knows {}", KNOWN.join(", ")));
             }
         };
         Ok(term)

@@ -153,12 +153,8 @@ impl State {
             .ok_or_else(|| wrong(&robot_model.name, "is not a robot: its model.yaml has no `robot` section".into()))?;
         check_names(scene)?;
 
-        let joint_of = |name: &str| {
-            robot_model.joint(name).ok_or_else(|| wrong(&robot_model.name, format!("has no joint '{name}'")))
-        };
-        let link_of = |name: &str| {
-            robot_model.link(name).ok_or_else(|| wrong(&robot_model.name, format!("has no link '{name}'")))
-        };
+        let joint_of = |name: &str| robot_model.joint(name).ok_or_else(|| wrong(&robot_model.name, format!("has no joint '{name}'")));
+        let link_of = |name: &str| robot_model.link(name).ok_or_else(|| wrong(&robot_model.name, format!("has no link '{name}'")));
         let arm_joints = robot.arm_joints.iter().map(|n| joint_of(n)).collect::<Result<Vec<_>, _>>()?;
         let fingers = [joint_of(&robot.gripper.fingers[0].joint)?, joint_of(&robot.gripper.fingers[1].joint)?];
         let rubber = [link_of(&robot.gripper.fingers[0].link)?, link_of(&robot.gripper.fingers[1].link)?];
@@ -270,7 +266,8 @@ impl State {
     /// True pose of a link in the world.
     fn X_WL(&self, thing: usize, link: usize) -> Isometry3<f64> {
         let (body, X_BL) = self.things[thing].link_body[link];
-        let X_WB = self.physics.bodies.get(self.things[thing].bodies[body]).map_or_else(Isometry3::identity, |b| convert::isometry(b.position()));
+        let X_WB =
+            self.physics.bodies.get(self.things[thing].bodies[body]).map_or_else(Isometry3::identity, |b| convert::isometry(b.position()));
         X_WB * X_BL
     }
 

@@ -118,7 +118,10 @@ pub(super) fn place(
                 return Err(wrong(object, format!("the model of '{}' has no such region; it has [{}]", container.name, known.join(", "))));
             };
             let Some(link) = container.model.link(&region.link) else {
-                return Err(wrong(container, format!("the region '{}' is on the link '{}', which does not exist", region.name, region.link)));
+                return Err(wrong(
+                    container,
+                    format!("the region '{}' is on the link '{}', which does not exist", region.name, region.link),
+                ));
             };
             let X_WL = X_WC * poses(&container.model, &container.q)[link];
             let half = Vector3::from(region.size) / 2.0;
@@ -177,4 +180,3 @@ fn draw<T>(object: &SceneObject, mut attempt: impl FnMut() -> Option<T>) -> Resu
 fn wrong(object: &SceneObject, message: String) -> WorldError {
     WorldError::Scene { place: object.name.clone(), message }
 }
-
