@@ -138,7 +138,7 @@ pub fn arm_path(
                 continue;
             }
             layers[at].push(Node::new(solution.clone()));
-            for backward in [false, true] {
+            for (backward, pulled) in [(false, false), (true, false), (false, true), (true, true)] {
                 let mut q = solution.clone();
                 let mut i = at;
                 loop {
@@ -147,7 +147,7 @@ pub fn arm_path(
                         break;
                     }
                     let before = q.clone();
-                    if !chain(next).solve(&path.waypoints[next].goal, &mut q, 14, 1e-7, Some(&preference), &mut work)
+                    if !chain(next).solve(&path.waypoints[next].goal, &mut q, 14, 1e-7, pulled.then_some(&preference), &mut work)
                         || q.iter().zip(&before).any(|(a, b)| (a - b).abs() > options.track_step)
                     {
                         break;
