@@ -1,5 +1,7 @@
 //! Rigid-body dynamics of trees of URDF joints.
 //!
+//! [`System`] is what one simulates: a multibody with the named effects on its joints, stepped in time.
+//!
 //! [`Multibody`] is the constant part, built once from one or several object models. [`Workspace`] is everything that
 //! changes: it is made once from a multibody, and nothing allocates after that. [`Multibody::set_state`] puts a state in;
 //! all other algorithms answer for that state.
@@ -27,17 +29,24 @@
 #![forbid(unsafe_code)]
 
 mod algorithms;
+mod complementarity;
+pub mod effects;
 mod error;
 mod joint;
 mod linear;
 mod multibody;
 mod spatial;
+mod step;
+mod system;
 mod workspace;
 
 pub use algorithms::momentum::Momentum;
+pub use complementarity::Held;
 pub use error::DynamicsError;
 pub use joint::plane_axes;
 pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};
 pub use multibody::{Base, JointInfo, LinkId, Multibody, Part};
 pub use spatial::{SpatialInertia, SpatialVector, cross_force, cross_motion, wrench_at_origin};
+pub use step::StepWorkspace;
+pub use system::{Input, Placement, State, System};
 pub use workspace::{ExternalWrench, Workspace};
