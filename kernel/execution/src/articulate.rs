@@ -1,0 +1,204 @@
+//! Moving a joint of an object by its handle: what opening and shutting share.
+//!
+//! Two levels, after the paper: the object's own motion first (x*, u*), then a grasp and an arm path that carry it out. The
+//! hand follows stiff along the path and soft across it, moved to where the handle turned out to be; u* is fed forward.
+
+use nalgebra::{Isometry3, Point3};
+use sagci_model::{JointKind, ObjectModel};
+use sagci_planning::{ArticulationPlan, ArticulationRequest, ObjectMotionOptions, plan_articulation};
+use sagci_signal::GripperCommand;
+use sagci_skill::{BeliefChange, Failure, FailureCode, Measure, Plan, Postcondition};
+
+use crate::bench::{failure_of, through_air, with_feeling};
+use crate::{Bench, Fingers, Follow, Guard, Law, Pace, Segment};
+
+/// Grip on the handle, N a finger.
+const GRIP: f64 = 45.0;
+/// Stiffness along and across the path, N/m, and against turning, N m/rad. Across, 1 cm of error of the axis costs 3 N.
+const ALONG: f64 = 1200.0;
+const ACROSS: f64 = 300.0;
+const TURNING: f64 = 30.0;
+/// Beyond this the hand lets the motion fail, N.
+const FORCE_LIMIT: f64 = 90.0;
+/// Pieces in which u* is fed forward.
+const PUSH_POINTS: usize = 21;
+/// Grasps that are tried when the first has no free way to it.
+const PLANS: usize = 3;
+
+/// What is to happen to a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Index of the object in the scene.
+    pub object: usize,
+    /// Which of its moving joints.
+    pub joint: usize,
+    /// Where the motion is led to, rad or m; beyond a limit means: against the stop.
+    pub to: f64,
+    /// What counts as there, rad or m.
+    pub between: [f64; 2],
+}
+
+/// Plans to move a joint by its handle.
+///
+/// # Errors
+/// A failure that names its stage; see [`plan_articulation`] and [`sagci_planning::free_motion`].
+pub fn articulate(bench: &Bench, motion: &Motion) -> Result<Plan, Failure> {
+    if bench.held().is_some() {
+        let message = "the gripper holds something; place it first".into();
+        return Err(Failure { code: FailureCode::BadArgument, stage: "grasp".into(), message });
+    }
+    let object = &bench.scene.objects[motion.object];
+    let from = object.q.get(motion.joint).copied().unwrap_or(0.0);
+    let index = object.model.moving_joints().nth(motion.joint);
+    let joint = index.map(|i| &object.model.joints[i]).ok_or_else(|| {
+        let message = format!("'{}' has no moving joint number {}", object.model.name, motion.joint);
+        Failure { code: FailureCode::ModelLacks, stage: "joint".into(), message }
+    })?;
+    // Slides run at hand speed; doors at a turn that keeps the handle there too.
+    let speed = if joint.kind == JointKind::Prismatic { 0.12 } else { 0.35 };
+    let request = ArticulationRequest {
+        motion: ObjectMotionOptions { speed, ..ObjectMotionOptions::default() },
+        plans: PLANS,
+        seed: bench.request.seed,
+        ..ArticulationRequest::new(motion.object, motion.joint, from, motion.to, &bench.request.q)
+    };
+    let plans = plan_articulation(&bench.scene, &bench.world, &request, bench.cancelled()).map_err(failure_of)?;
+    let mut first_failure = None;
+    for plan in &plans {
+        match carry_out(bench, motion, &joint.name, joint.kind, from, plan) {
+            Ok(done) => return Ok(done),
+            Err(failure) if failure.code == FailureCode::Cancelled => return Err(failure),
+            Err(failure) => first_failure = first_failure.or(Some(failure)),
+        }
+    }
+    Err(first_failure.unwrap_or_else(|| Failure {
+        code: FailureCode::Unreachable,
+        stage: "grasp".into(),
+        message: "no grasp was found".into(),
+    }))
+}
+
+fn carry_out(bench: &Bench, motion: &Motion, name: &str, kind: JointKind, from: f64, plan: &ArticulationPlan) -> Result<Plan, Failure> {
+    let object = &bench.scene.objects[motion.object];
+    let open = GripperCommand { width: plan.grasp.width, force: 20.0 };
+    let shut = GripperCommand { width: 0.0, force: GRIP };
+    let end = |path: &[Vec<f64>], last: bool| if last { path.last().cloned() } else { path.first().cloned() }.unwrap_or_default();
+    let rest = bench.rest()?;
+
+    let reach = bench.free(&bench.world, &bench.request.q, &end(&plan.approach, false), open.width, Pace::Free, "reach the handle")?;
+    let mut after = bench.world.clone();
+    after.set_joint(motion.object, motion.joint, motion.to);
+    let back = bench.free(&after, &end(&plan.retreat, true), &rest, open.width, Pace::Free, "return from the handle")?;
+
+    let approach = bench.timed(&plan.approach, Pace::Slow)?;
+    let path = bench.timed(&plan.path, Pace::Careful)?;
+    let path = match plan.object.duration() / path.duration().max(1e-3) {
+        slower if slower > 1.0 => path.slowed(slower),
+        _ => path,
+    };
+    let retreat = bench.timed(&plan.retreat, Pace::Slow)?;
+    let arm = bench.world.arm();
+
+    // u* as a force along the hand's path: power is the same, F ds = u dq.
+    let position = |share: f64| joint_at(plan, share);
+    let push: Vec<f64> = (0..PUSH_POINTS)
+        .map(|i| {
+            let share = i as f64 / (PUSH_POINTS - 1) as f64;
+            let (a, b) = ((share - 0.02).max(0.0), (share + 0.02).min(1.0));
+            let way = (arm.X_WT(&path.at_progress(b)).translation.vector - arm.X_WT(&path.at_progress(a)).translation.vector).norm();
+            let lever = way / (position(b) - position(a)).abs().max(1e-6);
+            plan.object.effort_at(position(share)).abs().min(0.5 * FORCE_LIMIT * lever) / lever.max(1e-3)
+        })
+        .collect();
+
+    let hold = plan.grasp.hold_width;
+    let least = 0.5 * hold;
+    let guard = if motion.to < from { Guard::Stop { share: 0.8, limit: FORCE_LIMIT } } else { Guard::Overload { limit: FORCE_LIMIT } };
+    let law = Law::Tool { along: ALONG, across: ACROSS, turning: TURNING, anchored: true, push };
+    let feel = Guard::Overload { limit: 40.0 };
+    let expected = [0.6 * hold, (1.4 * hold).min(0.5 * (hold + plan.grasp.width)).max(hold + 0.002)];
+
+    let mut sequence = bench.sequence(open)?;
+    sequence.phase("reach the handle", [through_air(reach, open, 0.0)]);
+    sequence.phase("approach the handle", [with_feeling(approach, open, false, feel, 0.0)]);
+    sequence.phase("grip the handle", [Segment::Fingers(Fingers { gripper: shut, expected, yielding: true, timeout: 2.0 })]);
+    let gripped = 2;
+    sequence.phase("move the handle", [Segment::Follow(Follow { trajectory: path, law, gripper: shut, guard, least_width: least })]);
+    let moved = 3;
+    let letting_go = Fingers { gripper: open, expected: [open.width - 0.01, open.width + 0.01], yielding: false, timeout: 1.5 };
+    sequence.phase("let the handle go", [Segment::Fingers(letting_go)]);
+    sequence.phase("leave the handle", [with_feeling(retreat, open, true, feel, 0.0)]);
+    sequence.phase("return", [through_air(back, open, 0.0)]);
+
+    let unit = if kind == JointKind::Prismatic { "m" } else { "rad" };
+    let mut summary = bench.summary(&sequence, &rest);
+    let reached = motion.to.clamp(motion.between[0], motion.between[1]);
+    summary.predicted = vec![
+        Measure { name: name.into(), value: reached, unit: unit.into() },
+        Measure { name: "peak force".into(), value: peak(&plan.object.u, hold_lever(plan, arm)), unit: "N".into() },
+    ];
+    summary.after = vec![BeliefChange::Joint { object: object.name.clone(), joint: name.into(), position: reached }];
+    summary.postconditions = vec![Postcondition::JointBetween {
+        object: object.name.clone(),
+        joint: name.into(),
+        least: motion.between[0],
+        most: motion.between[1],
+    }];
+
+    let (object_name, joint_name) = (object.name.clone(), name.to_owned());
+    let (model, X_WO, slot) = (object.model.clone(), object.X_WO, motion.joint);
+    let mut q = object.q.clone();
+    q.resize(model.moving_joints().count(), 0.0);
+    sequence.report(Box::new(move |endings| {
+        let at = |phase: usize| endings.iter().rfind(|e| e.phase == phase);
+        let (Some(grip), Some(end)) = (at(gripped), at(moved)) else { return (Vec::new(), Vec::new()) };
+        let position = joint_from_hand(&model, &X_WO, &q, slot, &grip.X_WT, &end.X_WT);
+        let measured = vec![
+            Measure { name: joint_name.clone(), value: position, unit: unit.into() },
+            Measure { name: "peak force".into(), value: end.peak_force, unit: "N".into() },
+        ];
+        (measured, vec![BeliefChange::Joint { object: object_name.clone(), joint: joint_name.clone(), position }])
+    }));
+    Ok(Plan { summary, execution: Box::new(sequence) })
+}
+
+/// Position of the joint at a share of the arm's path.
+fn joint_at(plan: &ArticulationPlan, share: f64) -> f64 {
+    let Some(last) = plan.joint.len().checked_sub(1) else { return 0.0 };
+    let x = share.clamp(0.0, 1.0) * last as f64;
+    let i = x.floor() as usize;
+    plan.joint[i] + x.fract() * (plan.joint[(i + 1).min(last)] - plan.joint[i])
+}
+
+/// Way of the hand for a unit of the joint's motion, m/rad or 1.
+fn hold_lever(plan: &ArticulationPlan, arm: &sagci_planning::ArmKinematics) -> f64 {
+    let way: f64 = plan.path.windows(2).map(|w| (arm.X_WT(&w[1]).translation.vector - arm.X_WT(&w[0]).translation.vector).norm()).sum();
+    let turn = match (plan.joint.first(), plan.joint.last()) {
+        (Some(a), Some(b)) => (b - a).abs(),
+        _ => 0.0,
+    };
+    way / turn.max(1e-6)
+}
+
+fn peak(u: &[f64], lever: f64) -> f64 {
+    u.iter().fold(0.0, |m: f64, u| m.max(u.abs())) / lever.max(1e-3)
+}
+
+/// Position of a joint from the hand that holds its link: the point that was held when the joint was at `q` now lies at
+/// the hand. Revolute: the turn about the axis that brings the one nearest to the other; prismatic: the way along it.
+fn joint_from_hand(model: &ObjectModel, X_WO: &Isometry3<f64>, q: &[f64], slot: usize, grip: &Isometry3<f64>, end: &Isometry3<f64>) -> f64 {
+    let from = q.get(slot).copied().unwrap_or(0.0);
+    let Some(index) = model.moving_joints().nth(slot) else { return from };
+    let joint = &model.joints[index];
+    let X_WJ = X_WO * model.X_OL(q)[joint.parent] * joint.X_PJ;
+    let p = |X: &Isometry3<f64>| X_WJ.inverse_transform_point(&Point3::from(X.translation.vector)).coords;
+    let (a, b) = (p(grip), p(end));
+    let axis = joint.axis.into_inner();
+    match joint.kind {
+        JointKind::Prismatic => from + (b - a).dot(&axis),
+        _ => {
+            let (a, b) = (a - axis * a.dot(&axis), b - axis * b.dot(&axis));
+            from + a.cross(&b).dot(&axis).atan2(a.dot(&b))
+        }
+    }
+}
