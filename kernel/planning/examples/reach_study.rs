@@ -157,7 +157,17 @@ fn main() {
     let values = arguments.filter_map(|a| a.split_once('=').and_then(|(k, v)| Some((k.to_owned(), v.parse().ok()?)))).collect();
     let layout = Layout { values };
     let names: &[&str] = if task == "microwave" { &["panda", "microwave", "mug"] } else { &["panda", "drawer", "tape"] };
-    let models: BTreeMap<&str, Arc<ObjectModel>> = names.iter().map(|n| (*n, model(n))).collect();
+    let mut models: BTreeMap<&str, Arc<ObjectModel>> = names.iter().map(|n| (*n, model(n))).collect();
+    // What if a rim could be held at a greater lean?
+    if let Some(lean) = layout.values.get("tilt") {
+        for m in models.values_mut() {
+            for hint in &mut Arc::make_mut(m).document.grasps {
+                if let sagci_model::GraspHint::Rim(rim) = hint {
+                    rim.tilt = *lean;
+                }
+            }
+        }
+    }
     let verbose = layout.get("verbose", 0.0) > 0.0;
     let mut order: Vec<&'static str> = Vec::new();
     let mut done: BTreeMap<&'static str, (usize, usize, f64, BTreeMap<String, usize>)> = BTreeMap::new();

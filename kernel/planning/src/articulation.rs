@@ -48,7 +48,7 @@ impl ArticulationRequest {
             q_start: q_start.to_vec(),
             motion: ObjectMotionOptions::default(),
             standoff: 0.1,
-            grasps: 12,
+            grasps: 18,
             plans: 1,
             seed: 0,
         }

@@ -41,6 +41,8 @@ pub struct Grasp {
 pub struct GraspOptions {
     /// Places along a bar.
     pub bar_places: usize,
+    /// Leans of the hand across a bar: pads are flat, so a bar may cross them at an angle, rad.
+    pub bar_leans: Vec<f64>,
     /// Angles around a rim.
     pub rim_angles: usize,
     /// Greatest opening of the gripper beyond what is held, m.
@@ -51,7 +53,7 @@ pub struct GraspOptions {
 
 impl Default for GraspOptions {
     fn default() -> Self {
-        Self { bar_places: 3, rim_angles: 24, opening: 0.03, spacing: 0.04 }
+        Self { bar_places: 3, bar_leans: vec![0.0, 0.45, -0.45, 0.8, -0.8], rim_angles: 24, opening: 0.03, spacing: 0.04 }
     }
 }
 
@@ -157,24 +159,26 @@ fn bar_grasps(bar: &BarGrasp, link: usize, gripper: &Gripper, options: &GraspOpt
     let inset = pad_x.min(0.5 * along.norm()) / along.norm();
     let usable = along.norm() * (1.0 - 2.0 * inset);
     let places = options.bar_places.min(1 + (usable / options.spacing).floor() as usize).max(1);
-    // Tips must not reach deeper behind the bar than there is room.
-    let ahead = (bar.depth - pad_z).min(0.0).max(-0.6 * pad_z);
     for place in 0..places {
         // The middle first, then outward on both sides.
         let offset = if places == 1 { 0.0 } else { place as f64 / (places - 1) as f64 - 0.5 };
         let point = from + along * (0.5 + offset * (1.0 - 2.0 * inset));
-        for way in [1.0, -1.0] {
+        for (way, lean) in [1.0, -1.0].into_iter().flat_map(|w| options.bar_leans.iter().map(move |l| (w, *l))) {
+            // Tips must not reach deeper behind the bar than there is room.
+            let reach = pad_z * f64::cos(lean) + pad_x * f64::sin(lean).abs();
+            let ahead = (bar.depth - reach).min(0.0).max(-0.6 * pad_z);
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), lean);
             out.push(Grasp {
                 name: bar.name.clone(),
                 link,
                 X_LF: frame(point, along * way, -outward),
-                X_FT: Isometry3::translation(0.0, 0.0, ahead),
+                X_FT: Isometry3::translation(0.0, 0.0, ahead) * turn,
                 axis: Vector3::x_axis(),
                 range: [-bar.swing.abs(), bar.swing.abs()],
                 width: (2.0 * bar.radius + options.opening).min(gripper.max_width),
                 hold_width: 2.0 * bar.radius,
                 held_part: Some((from, to, 0.5 * bar.radius)),
-                quality: 1.0 - 0.3 * offset.abs(),
+                quality: 1.0 - 0.3 * offset.abs() - 0.2 * lean.abs(),
             });
         }
     }

@@ -492,7 +492,12 @@ fn place_poses(
                 let mut p_W = floor.X_WB * Point3::from(p);
                 p_W.z = floor_z - low_w + 0.001;
                 let X = Isometry3::from_parts(p_W.coords.into(), R);
-                poses.push((yaw_cost + f64::abs(fx - 0.5) + f64::abs(fy - 0.5) + 0.3 * random.random::<f64>(), X));
+                // Toward a side opening there is more room for the arm; across it, and below one above, in the middle.
+                let o = floor.X_WB.rotation.inverse() * sideways;
+                let inward = (0.5 - (fx - 0.5) * o.x.signum() * f64::from(o.x.abs() > 0.5) - (fy - 0.5) * o.y.signum() * f64::from(o.y.abs() > 0.5)).max(0.0);
+                let across = f64::abs(fx - 0.5) * (1.0 - o.x.abs()) + f64::abs(fy - 0.5) * (1.0 - o.y.abs());
+                let cost = if side_opening { 1.5 * inward + across } else { across };
+                poses.push((0.5 * yaw_cost + cost + 0.2 * random.random::<f64>(), X));
             }
         }
     }
