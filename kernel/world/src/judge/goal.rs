@@ -153,7 +153,12 @@ impl Goals {
     /// Reads a file of goals.
     pub fn read(path: &Path) -> Result<Self, GoalError> {
         let text = std::fs::read_to_string(path).map_err(|source| GoalError::File { path: path.to_owned(), source })?;
-        let goals: Self = serde_yaml::from_str(&text).map_err(|e| GoalError::Malformed {
+        Self::parse(&text, path)
+    }
+
+    /// Goals from a text; `path` is what messages call it.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, GoalError> {
+        let goals: Self = serde_yaml::from_str(text).map_err(|e| GoalError::Malformed {
             path: path.to_owned(),
             line: e.location().map(|l| l.line()),
             message: e.to_string(),

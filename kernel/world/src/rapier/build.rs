@@ -49,6 +49,12 @@ const HARD_TO_RUBBER: f64 = 0.5;
 /// Friction of the table and of the robot's covers.
 const HARD_FRICTION: f64 = 0.4;
 
+/// A movable thing whose fastest point is slower than this for [`ASLEEP_AFTER`] is left out of the physics until something
+/// touches it, m/s. Rapier's own threshold, a hundred times as high, freezes a mug while it is still tilting.
+const ASLEEP: f64 = 5e-4;
+/// See [`ASLEEP`], s.
+const ASLEEP_AFTER: f64 = 0.3;
+
 /// What a contact shape belongs to, kept in the collider's user data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Owner {
@@ -196,7 +202,7 @@ pub(super) fn add(world: &mut PhysicsWorld, plan: &Plan) -> Result<Thing, WorldE
     for (body, &link) in root_link.iter().enumerate() {
         let free = body > 0 || plan.role == Role::Movable;
         let mut builder = if free { RigidBodyBuilder::dynamic() } else { RigidBodyBuilder::fixed() };
-        builder = builder.pose(convert::pose(&(plan.X_WO * X_OL[link]))).can_sleep(false);
+        builder = builder.pose(convert::pose(&(plan.X_WO * X_OL[link]))).can_sleep(plan.role == Role::Movable);
         if free {
             let properties = mass[body].properties().ok_or_else(|| {
                 wrong(
@@ -206,7 +212,12 @@ pub(super) fn add(world: &mut PhysicsWorld, plan: &Plan) -> Result<Thing, WorldE
             })?;
             builder = builder.additional_mass_properties(properties);
         }
-        bodies.push(world.insert_body(builder));
+        let handle = world.insert_body(builder);
+        if let Some(body) = world.bodies.get_mut(handle) {
+            body.activation_mut().normalized_linear_threshold = ASLEEP;
+            body.activation_mut().time_until_sleep = ASLEEP_AFTER;
+        }
+        bodies.push(handle);
     }
 
     for solid in plan.solids {

@@ -1,8 +1,8 @@
 //! The gripper's drive: a position servo with limited speed and limited force, like a Franka hand's `grasp` and `move`.
 //!
-//! A reference slides toward the commanded opening; each finger is pulled to it by a spring and a damper whose force is
-//! clipped at the commanded one. Pressed on something, the reference runs ahead until the force is the commanded one,
-//! and no further.
+//! A reference slides as long as the opening is not the commanded one; each finger is pulled to it by a spring and a
+//! damper whose force is clipped at the commanded one. Pressed on something, the reference runs ahead until the force is
+//! the commanded one, and no further: also a wall of 1 mm is held with the whole force.
 
 use sagci_signal::GripperCommand;
 
@@ -12,6 +12,8 @@ const SPEED: f64 = 0.05;
 const STIFFNESS: f64 = 5000.0;
 /// Damping of the servo, N s/m.
 const DAMPING: f64 = 60.0;
+/// How fast the reference goes for an opening that is off, 1/s.
+const INTEGRAL: f64 = 20.0;
 /// Mass of motor and gear as each finger feels it, kg (engineering estimate).
 pub(super) const ARMATURE: f64 = 0.2;
 
@@ -30,7 +32,7 @@ impl GripperServo {
     /// Force along each finger's joint (positive opens) for the next `period`, from the fingers' mean position and speed.
     pub(super) fn force(&mut self, command: &GripperCommand, position: f64, speed: f64, period: f64) -> f64 {
         let goal = command.width / 2.0;
-        self.reference += (goal - self.reference).clamp(-SPEED * period, SPEED * period);
+        self.reference += (INTEGRAL * (goal - position)).clamp(-SPEED, SPEED) * period;
         // No further ahead than the force needs.
         let lead = command.force / STIFFNESS;
         self.reference = self.reference.clamp(position - lead, position + lead);

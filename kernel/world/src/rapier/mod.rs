@@ -17,7 +17,7 @@ mod tests;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Translation3, Vector3};
-use rapier3d_f64::dynamics::{FrictionModel, IntegrationParameters, SpringCoefficients};
+use rapier3d_f64::dynamics::{IntegrationParameters, SpringCoefficients};
 use rapier3d_f64::pipeline::PhysicsWorld;
 use sagci_model::{ObjectModel, Robot};
 use sagci_signal::{Command, DepthImage, Observation, Wrench};
@@ -137,7 +137,6 @@ fn parameters() -> IntegrationParameters {
         contact_clustering: false,
         normalized_prediction_distance: 0.002,
         friction_in_bias_pass: false,
-        friction_model: FrictionModel::Coulomb,
         ..IntegrationParameters::default()
     }
 }
