@@ -294,6 +294,8 @@ pub enum FailureCode {
     BadArgument,
     /// The model lacks what the skill needs (no grasp hint, no joint, no region).
     ModelLacks,
+    /// The camera did not find an object.
+    NotSeen,
     /// No grasp or path within the arm's reach and limits.
     Unreachable,
     /// Every path found would collide.
