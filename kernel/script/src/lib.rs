@@ -2,6 +2,7 @@
 #![deny(unsafe_code)]
 
 mod diagnostic;
+pub mod host;
 pub mod language;
 mod models;
 pub mod plugins;

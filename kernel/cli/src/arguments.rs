@@ -1,0 +1,139 @@
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// A robot that opens, fetches and puts away, by models of the things it handles.
+#[derive(Debug, Parser)]
+#[command(name = "sagci", version, propagate_version = true)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a task script in the measured world.
+    Run(Run),
+    /// Read a task script and say what is wrong in it; nothing moves.
+    Check {
+        /// The script.
+        script: PathBuf,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+    /// The library of object models.
+    #[command(subcommand)]
+    Models(Models),
+    /// The skills that are found.
+    #[command(subcommand)]
+    Skills(Skills),
+    /// Show a recording.
+    Replay {
+        /// The recording (.mcap).
+        recording: PathBuf,
+        /// Show the recorded states as they were, in the terminal.
+        #[arg(long, required = true)]
+        states: bool,
+    },
+    /// Look whether everything that a run needs is there.
+    Doctor {
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+}
+
+/// `sagci run`.
+#[derive(Debug, Args)]
+pub struct Run {
+    /// The script.
+    pub script: PathBuf,
+    /// The measured world.
+    #[arg(long, default_value = "rapier", value_parser = clap::builder::PossibleValuesParser::new(sagci_world::KINDS))]
+    pub world: String,
+    /// Seed of the world and of every random choice; with --runs, of the first run.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// How often to run, with one seed after the other.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub runs: u32,
+    /// Folder for recordings and reports [default: a new one in runs/].
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Plan every step from what is believed and predicted; nothing moves.
+    #[arg(long)]
+    pub plan_only: bool,
+    /// How to print the result.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+    /// Where things are.
+    #[command(flatten)]
+    pub places: Places,
+}
+
+/// How to print a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// One JSON document.
+    Json,
+}
+
+/// Where things are, if not in the usual places.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Places {
+    /// Folder of the library of object models [default: world-models/ of the project].
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Folder with skills, looked into before SAGCI_SKILLS and the usual places; may be given more than once.
+    #[arg(long, value_name = "DIR")]
+    pub skills: Vec<PathBuf>,
+}
+
+/// `sagci models`.
+#[derive(Debug, Subcommand)]
+pub enum Models {
+    /// All models with their current versions.
+    List {
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+    /// One model: links, joints, regions, grasps, where it comes from.
+    Show {
+        /// Name of the model.
+        name: String,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+    /// Read every model in full, and compare it with its hash.
+    Verify {
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+}
+
+/// `sagci skills`.
+#[derive(Debug, Subcommand)]
+pub enum Skills {
+    /// All skills, and those that cannot be used.
+    List {
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+    /// One skill: what it does and what it takes.
+    Show {
+        /// Name of the skill.
+        name: String,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+}

@@ -1,0 +1,46 @@
+//! Where the project, its models and its skills are.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use sagci_script::language::engine::reserved_names;
+use sagci_script::plugins::{SearchPath, SkillSet};
+use sagci_skill::LogSink;
+
+use crate::arguments::Places;
+use crate::error::CliError;
+use crate::library::LibraryModels;
+
+/// The folder that holds `world-models/`, upward from the script or from here.
+pub fn project(script: Option<&Path>) -> Option<PathBuf> {
+    let here = std::env::current_dir().ok();
+    let beside = script.and_then(|s| s.canonicalize().ok()).and_then(|s| s.parent().map(Path::to_owned));
+    beside.into_iter().chain(here).find_map(|start| start.ancestors().find(|a| a.join("world-models").is_dir()).map(Path::to_owned))
+}
+
+/// The library of object models.
+pub fn models(places: &Places, script: Option<&Path>) -> Result<LibraryModels, CliError> {
+    match (&places.models, project(script)) {
+        (Some(folder), _) => LibraryModels::open(folder),
+        (None, Some(project)) => LibraryModels::open(&project.join("world-models")),
+        (None, None) => Err(CliError::Other(
+            "the library of object models was not found: there is no folder world-models/ here or above; go to the project's folder or give --models DIR"
+                .to_owned(),
+        )),
+    }
+}
+
+/// All skills that can be found.
+pub fn skills(places: &Places, script: Option<&Path>, log: LogSink) -> Result<SkillSet, CliError> {
+    if let Some(missing) = places.skills.iter().find(|f| !f.is_dir()) {
+        return Err(CliError::Other(format!("{}: is no folder; --skills takes a folder with skills", missing.display())));
+    }
+    let reserved = reserved_names();
+    let reserved: Vec<&str> = reserved.iter().map(String::as_str).collect();
+    Ok(SkillSet::discover(&SearchPath::usual(&places.skills, project(script).as_deref()), &reserved, &log))
+}
+
+/// A log that nobody reads.
+pub fn silent() -> LogSink {
+    Arc::new(|_, _| {})
+}
