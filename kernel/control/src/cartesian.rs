@@ -10,7 +10,8 @@
 //! `tau = c + g + J^T F + (1 - J^T Lambda J M^-1) tau_0 + tau_limits`,
 //!
 //! with the posture's `tau_0 = K_n (q_n - q) - D_n v`: the dynamically consistent projection keeps it from accelerating the
-//! tool. `tau_limits` pushes away from joint limits inside a margin and is not projected: there safety goes before the task.
+//! tool. `tau_limits` pushes away from joint limits inside a margin, by a damped spring (Khatib 1986), and is not projected: there
+//! safety goes before the task.
 //!
 //! Damping can be designed from the mass matrix (Albu-Schaeffer et al. 2003): with `Lambda = Q Q^T` and `K = Q K_0 Q^T`, `K_0`
 //! diagonal, `D = 2 zeta Q sqrt(K_0) Q^T` gives each mode the damping ratio `zeta`.
@@ -24,6 +25,9 @@ use crate::{ArmModel, ControlError, EffortLimit};
 
 /// `J M^-1 J^T` is made larger by this fraction of its diagonal, so that its inverse stays bounded at singularities.
 const REGULARISATION: f64 = 1e-4;
+
+/// Of the push away from joint limits.
+const LIMIT_DAMPING_RATIO: f64 = 0.7;
 
 /// Where the tool is to be. All in the world's axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +53,8 @@ impl CartesianReference {
 }
 
 /// How the impedance is damped.
+// Boxed, a change of gains would allocate.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Damping {
     /// A matrix in the task frame's axes, angular part first, N m s/rad and N s/m.
@@ -258,14 +264,17 @@ impl CartesianImpedance {
         Ok(())
     }
 
-    /// A spring that rises from the margin to the joint's limit.
+    /// A spring that rises from the margin to the joint's limit, damped so that it does not throw the joint back.
     fn limit_push(&self, arm: &ArmModel, i: usize) -> f64 {
         let (limit, q) = (&arm.limits()[i], arm.q()[i]);
         if self.limit_margin <= 0.0 || !limit.effort.is_finite() {
             return 0.0;
         }
         let inside = |distance: f64| (1.0 - distance / self.limit_margin).clamp(0.0, 1.0 / self.limit_share.max(1e-9));
-        self.limit_share * limit.effort * (inside(q - limit.lower) - inside(limit.upper - q))
+        let (low, high) = (inside(q - limit.lower), inside(limit.upper - q));
+        let stiffness = self.limit_share * limit.effort.abs() / self.limit_margin;
+        let damping = 2.0 * LIMIT_DAMPING_RATIO * (stiffness * arm.mass_matrix()[(i, i)]).sqrt();
+        self.limit_margin * stiffness * (low - high) - damping * low.max(high).min(1.0) * arm.v()[i]
     }
 }
 

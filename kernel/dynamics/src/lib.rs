@@ -47,6 +47,6 @@ pub use joint::plane_axes;
 pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};
 pub use multibody::{Base, JointInfo, LinkId, Multibody, Part};
 pub use spatial::{SpatialInertia, SpatialVector, cross_force, cross_motion, wrench_at_origin};
-pub use step::StepWorkspace;
+pub use step::{Coriolis, StepWorkspace};
 pub use system::{Input, Placement, State, System};
 pub use workspace::{ExternalWrench, Workspace};

@@ -372,7 +372,6 @@ impl Multibody {
         let mut ws = Workspace {
             q: vec![0.0; self.nq],
             v: vec![0.0; n],
-            v_tree: vec![0.0; t],
             R_WB: vec![Matrix3::identity(); b],
             p_WB: vec![Vector3::zeros(); b],
             S: vec![SpatialVector::zeros(); t],

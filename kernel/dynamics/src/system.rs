@@ -7,7 +7,7 @@ use sagci_model::EffectEntry;
 use crate::effects::{self, Effect, Instant, Resistance};
 use crate::error::check;
 use crate::multibody::length;
-use crate::{DynamicsError, ExternalWrench, JointInfo, Multibody, Part, StepWorkspace};
+use crate::{Coriolis, DynamicsError, ExternalWrench, JointInfo, Multibody, Part, StepWorkspace};
 
 /// A multibody with its effects.
 ///
@@ -23,6 +23,7 @@ pub struct System {
     /// Positions between which each degree of freedom is kept by the URDF's limits; infinite where it is not.
     pub(crate) walls: Vec<[f64; 2]>,
     pub(crate) stops: usize,
+    pub(crate) coriolis: Coriolis,
 }
 
 /// One effect at its place.
@@ -73,8 +74,21 @@ impl System {
     /// As [`Multibody::new`]; an effect, parameter or joint that does not exist; a parameter out of its bounds.
     pub fn new(parts: &[Part<'_>]) -> Result<Self, DynamicsError> {
         let multibody = Multibody::new(parts)?;
-        let mut system = Self { placements: Vec::new(), theta: Vec::new(), states: 0, walls: Vec::new(), stops: 0, multibody };
+        let mut system = Self {
+            placements: Vec::new(),
+            theta: Vec::new(),
+            states: 0,
+            walls: Vec::new(),
+            stops: 0,
+            coriolis: Coriolis::default(),
+            multibody,
+        };
         for joint in system.multibody.joints().to_vec() {
+            let [lower, upper] = [joint.limits.lower, joint.limits.upper];
+            if lower.is_nan() || upper.is_nan() || lower > upper {
+                let message = format!("its limits {lower} and {upper} leave no room (those of joints that follow it count)");
+                return Err(DynamicsError::Build { part: joint.part.clone(), place: joint.name.clone(), message });
+            }
             for (name, value) in [("viscous_friction", joint.damping), ("coulomb_friction", joint.friction)] {
                 if value != 0.0 {
                     let parameter = effects::find(name)?.description().parameters[0].name;
@@ -94,6 +108,7 @@ impl System {
                 system.add_effect(&part.name, entry)?;
             }
         }
+        system.rebuild_walls();
         Ok(system)
     }
 
@@ -168,6 +183,11 @@ impl System {
         &mut self.multibody
     }
 
+    /// At which velocity steps take Coriolis forces.
+    pub fn set_coriolis(&mut self, coriolis: Coriolis) {
+        self.coriolis = coriolis;
+    }
+
     /// The effects at their places.
     pub fn placements(&self) -> &[Placement] {
         &self.placements
@@ -209,6 +229,7 @@ impl System {
         tau: &mut [f64],
     ) -> Result<(), DynamicsError> {
         self.check_state(state)?;
+        length("load", ws.load.len(), self.multibody.nv()).map_err(|_| DynamicsError::ForeignWorkspace)?;
         self.multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
         self.multibody.inverse_dynamics(&mut ws.rigid, a, external, tau)?;
         ws.load.fill(0.0);

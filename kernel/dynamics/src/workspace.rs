@@ -12,8 +12,6 @@ pub struct Workspace {
     pub(crate) q: Vec<f64>,
     /// Velocities of the state.
     pub(crate) v: Vec<f64>,
-    /// Velocities of the tree's own degrees of freedom: those of followers included.
-    pub(crate) v_tree: Vec<f64>,
     /// Pose of each body.
     pub(crate) R_WB: Vec<Matrix3<f64>>,
     pub(crate) p_WB: Vec<Vector3<f64>>,

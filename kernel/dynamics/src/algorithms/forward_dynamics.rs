@@ -79,17 +79,18 @@ impl Multibody {
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let mut A = ws.A[body.parent] + ws.c[i];
             let mut x = [0.0; 6];
-            for k in 0..body.nv {
-                x[k] = ws.u[body.tree + k] - ws.U[body.tree + k].dot(&A);
+            let tree = body.tree..body.tree + body.nv;
+            for (x, (u, U)) in x.iter_mut().zip(ws.u[tree.clone()].iter().zip(&ws.U[tree])) {
+                *x = u - U.dot(&A);
             }
             if body.nv == 1 {
                 x[0] *= ws.D[i][0];
             } else {
                 cholesky_solve(&ws.D[i], body.nv, &mut x[..body.nv]);
             }
-            for k in 0..body.nv {
-                A += ws.S[body.tree + k] * x[k];
-                a[body.v + k] = x[k];
+            for (k, x) in x.iter().enumerate().take(body.nv) {
+                A += ws.S[body.tree + k] * *x;
+                a[body.v + k] = *x;
             }
             ws.A[i] = A;
         }
@@ -125,8 +126,8 @@ impl Multibody {
             e[k] = 1.0;
             cholesky_solve(&ws.D[i], n, &mut e[..n]);
             let mut column = SpatialVector::zeros();
-            for l in 0..n {
-                column += ws.U[body.tree + l] * e[l];
+            for (U, e) in ws.U[body.tree..body.tree + n].iter().zip(e) {
+                column += U * e;
             }
             Ia -= column * ws.U[body.tree + k].transpose();
             pa += ws.U[body.tree + k] * Du[k];

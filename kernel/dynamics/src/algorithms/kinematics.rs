@@ -62,17 +62,22 @@ impl Multibody {
             let (R, p) = (R_WJ * R_JB, p_WJ + R_WJ * p_JB);
             body.motion.subspace(&R, &p, &mut ws.S[body.tree..body.tree + body.nv]);
             ws.inertia[i] = self.inertia[i].moved(&R, &p);
+            ws.R_WB[i] = R;
+            ws.p_WB[i] = p;
+        }
+        self.velocities(ws);
+    }
+
+    /// Velocities of all bodies, at poses that are there already.
+    pub(crate) fn velocities(&self, ws: &mut Workspace) {
+        for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let mut Sv = SpatialVector::zeros();
             for k in 0..body.nv {
-                let rate = body.multiplier * ws.v[body.v + k];
-                ws.v_tree[body.tree + k] = rate;
-                Sv += ws.S[body.tree + k] * rate;
+                Sv += ws.S[body.tree + k] * (body.multiplier * ws.v[body.v + k]);
             }
             let V = ws.V[body.parent] + Sv;
             ws.c[i] = cross_motion(&V, &Sv);
             ws.V[i] = V;
-            ws.R_WB[i] = R;
-            ws.p_WB[i] = p;
         }
     }
 
