@@ -12,6 +12,7 @@ pub mod judge;
 mod perturbation;
 mod random;
 mod rapier;
+pub mod recording;
 mod scene;
 mod sensors;
 #[cfg(test)]

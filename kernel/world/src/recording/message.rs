@@ -1,0 +1,243 @@
+//! Messages to bytes and back.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use sagci_signal::{Command, DepthImage, GripperCommand, Observation, Wrench};
+use serde_json::{Value, json};
+
+use super::cdr::{Reader, Writer};
+use super::nanoseconds;
+use crate::truth::TrueFrame;
+
+/// sensor_msgs/msg/JointState.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct JointState {
+    pub time: u64,
+    pub name: Vec<String>,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+impl JointState {
+    pub fn read(bytes: &[u8]) -> Result<Self, String> {
+        let mut r = Reader::new(bytes)?;
+        let time = r.time()?;
+        r.text()?;
+        let state = Self { time, name: r.texts()?, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? };
+        r.finish()?;
+        let count = state.name.len();
+        for (what, length) in [("positions", state.position.len()), ("velocities", state.velocity.len()), ("efforts", state.effort.len())] {
+            if length != count && length != 0 {
+                return Err(format!("the message names {count} joints, but gives {length} {what}"));
+            }
+        }
+        Ok(state)
+    }
+}
+
+fn joint_state<'a>(time: u64, name: impl ExactSizeIterator<Item = &'a str>, position: &[f64], velocity: &[f64], effort: &[f64]) -> Vec<u8> {
+    let mut w = Writer::new();
+    w.time(time).text("").texts(name).f64s(position).f64s(velocity).f64s(effort);
+    w.finish()
+}
+
+/// The arm's joints, then both fingers, each half of the opening.
+pub(super) fn observation(observation: &Observation, arm: &[String], fingers: &[String; 2]) -> Vec<u8> {
+    let half = observation.gripper_width / 2.0;
+    let with = |values: &[f64], last: f64| [values, &[last, last]].concat();
+    let names: Vec<&str> = arm.iter().chain(fingers).map(String::as_str).collect();
+    joint_state(
+        nanoseconds(observation.time),
+        names.into_iter(),
+        &with(&observation.q, half),
+        &with(&observation.v, 0.0),
+        &with(&observation.tau, observation.gripper_force),
+    )
+}
+
+/// An observation without its wrench, from a message of [`observation`].
+pub(super) fn to_observation(state: JointState) -> Result<Observation, String> {
+    let arm = state.name.len().checked_sub(2).ok_or("the message names fewer than two fingers")?;
+    let part = |values: &[f64]| values.get(..arm).map(<[f64]>::to_vec).unwrap_or_default();
+    let last = |values: &[f64]| values.get(arm).copied().unwrap_or(0.0);
+    Ok(Observation {
+        time: state.time as f64 / 1e9,
+        q: part(&state.position),
+        v: part(&state.velocity),
+        tau: part(&state.effort),
+        gripper_width: 2.0 * last(&state.position),
+        gripper_force: last(&state.effort),
+        F_S: Wrench::default(),
+    })
+}
+
+/// Efforts of the arm's joints; for the gripper the opening as its position and the force as its effort.
+pub(super) fn command(time: u64, command: &Command, arm: &[String]) -> Vec<u8> {
+    let names: Vec<&str> = arm.iter().map(String::as_str).chain(["gripper"]).collect();
+    let mut position = vec![f64::NAN; command.tau.len()];
+    position.push(command.gripper.width);
+    let effort = [command.tau.as_slice(), &[command.gripper.force]].concat();
+    joint_state(time, names.into_iter(), &position, &[], &effort)
+}
+
+pub(super) fn to_command(state: &JointState) -> Result<Command, String> {
+    let (Some(width), Some((force, tau))) = (state.position.last(), state.effort.split_last()) else {
+        return Err("the message holds no gripper".into());
+    };
+    Ok(Command { tau: tau.to_vec(), gripper: GripperCommand { width: *width, force: *force } })
+}
+
+/// geometry_msgs/msg/WrenchStamped.
+pub(super) fn wrench(time: u64, frame: &str, wrench: &Wrench) -> Vec<u8> {
+    let mut w = Writer::new();
+    w.time(time).text(frame);
+    for v in wrench.force.iter().chain(wrench.torque.iter()) {
+        w.f64(*v);
+    }
+    w.finish()
+}
+
+pub(super) fn to_wrench(bytes: &[u8]) -> Result<(u64, Wrench), String> {
+    let mut r = Reader::new(bytes)?;
+    let time = r.time()?;
+    r.text()?;
+    let force = Vector3::new(r.f64()?, r.f64()?, r.f64()?);
+    let torque = Vector3::new(r.f64()?, r.f64()?, r.f64()?);
+    r.finish()?;
+    Ok((time, Wrench { force, torque }))
+}
+
+/// std_msgs/msg/String.
+pub(super) fn text(text: &str) -> Vec<u8> {
+    let mut w = Writer::new();
+    w.text(text);
+    w.finish()
+}
+
+/// sagci/msg/TrueFrame.
+pub(super) fn truth(frame: &TrueFrame) -> Vec<u8> {
+    let mut poses = Vec::with_capacity(7 * frame.frames.len());
+    for (_, X) in &frame.frames {
+        poses.extend(X.translation.vector.iter());
+        poses.extend(X.rotation.coords.iter());
+    }
+    let joints: Vec<f64> = frame.joints.iter().flat_map(|(_, q, v)| [*q, *v]).collect();
+    let mut w = Writer::new();
+    w.time(nanoseconds(frame.time)).text("world").f64s(&poses).f64s(&joints);
+    w.finish()
+}
+
+pub(super) fn to_truth(bytes: &[u8], frames: &[String], joints: &[String]) -> Result<TrueFrame, String> {
+    let mut r = Reader::new(bytes)?;
+    let time = r.time()? as f64 / 1e9;
+    r.text()?;
+    let (poses, states) = (r.f64s()?, r.f64s()?);
+    r.finish()?;
+    if poses.len() != 7 * frames.len() || states.len() != 2 * joints.len() {
+        return Err(format!(
+            "the message holds {} poses and {} joints, but the channel names {} and {}",
+            poses.len() / 7,
+            states.len() / 2,
+            frames.len(),
+            joints.len()
+        ));
+    }
+    let pose = |p: &[f64]| {
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(p[6], p[3], p[4], p[5]));
+        Isometry3::from_parts(Translation3::new(p[0], p[1], p[2]), turn)
+    };
+    Ok(TrueFrame {
+        time,
+        frames: frames.iter().cloned().zip(poses.chunks_exact(7).map(pose)).collect(),
+        joints: joints.iter().zip(states.chunks_exact(2)).map(|(n, s)| (n.clone(), s[0], s[1])).collect(),
+    })
+}
+
+fn stamp(time: u64) -> Value {
+    json!({ "sec": time / 1_000_000_000, "nsec": time % 1_000_000_000 })
+}
+
+/// foxglove.FrameTransforms: parent, child, pose of the child in the parent.
+pub(super) fn transforms<'a>(time: u64, frames: impl Iterator<Item = (&'a str, String, Isometry3<f64>)>) -> Vec<u8> {
+    let transforms: Vec<Value> = frames
+        .map(|(parent, child, X)| {
+            let (p, r) = (X.translation.vector, X.rotation);
+            json!({
+                "timestamp": stamp(time), "parent_frame_id": parent, "child_frame_id": child,
+                "translation": { "x": p.x, "y": p.y, "z": p.z },
+                "rotation": { "x": r.i, "y": r.j, "z": r.k, "w": r.w },
+            })
+        })
+        .collect();
+    json!({ "transforms": transforms }).to_string().into_bytes()
+}
+
+/// foxglove.PointCloud in the camera's frame, with colours.
+pub(super) fn points(image: &DepthImage, frame: &str) -> Vec<u8> {
+    const STRIDE: usize = 16;
+    let mut data = Vec::new();
+    for (i, p) in image.points() {
+        for c in p.coords.iter() {
+            data.extend((*c as f32).to_le_bytes());
+        }
+        let [r, g, b] = image.rgb.get(i).copied().unwrap_or([128; 3]);
+        data.extend([r, g, b, 255]);
+    }
+    let field = |name: &str, offset: usize, kind: u8| json!({ "name": name, "offset": offset, "type": kind });
+    json!({
+        "timestamp": stamp(nanoseconds(image.time)), "frame_id": frame,
+        "pose": { "position": { "x": 0, "y": 0, "z": 0 }, "orientation": { "x": 0, "y": 0, "z": 0, "w": 1 } },
+        "point_stride": STRIDE,
+        "fields": [field("x", 0, 7), field("y", 4, 7), field("z", 8, 7), field("red", 12, 1), field("green", 13, 1), field("blue", 14, 1), field("alpha", 15, 1)],
+        "data": base64(&data),
+    })
+    .to_string()
+    .into_bytes()
+}
+
+/// foxglove.RawImage of depths in m.
+pub(super) fn depth(image: &DepthImage, frame: &str) -> Vec<u8> {
+    let data: Vec<u8> = image.depth.iter().flat_map(|d| d.to_le_bytes()).collect();
+    json!({
+        "timestamp": stamp(nanoseconds(image.time)), "frame_id": frame, "width": image.width, "height": image.height,
+        "encoding": "32FC1", "step": 4 * image.width, "data": base64(&data),
+    })
+    .to_string()
+    .into_bytes()
+}
+
+/// foxglove.Log.
+pub(super) fn log(time: u64, level: u8, name: &str, message: &str) -> Vec<u8> {
+    json!({ "timestamp": stamp(time), "level": level, "message": message, "name": name, "file": "", "line": 0 }).to_string().into_bytes()
+}
+
+/// sagci.Phase.
+pub(super) fn phase(time: u64, step: usize, skill: &str, phase: &str, progress: f64) -> Vec<u8> {
+    json!({ "timestamp": stamp(time), "step": step, "skill": skill, "phase": phase, "progress": progress }).to_string().into_bytes()
+}
+
+/// RFC 4648 with padding.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for group in bytes.chunks(3) {
+        let word = group.iter().enumerate().fold(0u32, |w, (i, b)| w | u32::from(*b) << (16 - 8 * i));
+        for i in 0..4 {
+            out.push(if i <= group.len() { char::from(LETTERS[(word >> (18 - 6 * i) & 63) as usize]) } else { '=' });
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::base64;
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        // RFC 4648, section 10.
+        for (plain, coded) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("foobar", "Zm9vYmFy")] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+}
