@@ -29,6 +29,9 @@ def convert(assets, staged):
     os.makedirs(os.path.join(staged, "meshes"))
     for name in ("micro", "microbutton", "microfeet", "microdoor", "microwindow"):
         shutil.copyfile(os.path.join(source, name + ".stl"), os.path.join(staged, "meshes", name + ".stl"))
+    # The source's window is inside out.
+    window = os.path.join(staged, "meshes", "microwindow.stl")
+    write_stl(window, [(a, c, b) for a, b, c in read_stl(window)])
 
     body = [box(mul(half, 2), xyz, name=name) for name, xyz, half in WALLS]
     across = (math.pi / 2, 0, 0)  # the MJCF writes 1.57
@@ -98,6 +101,7 @@ provenance:
     - "MJCF written as URDF: collision geoms, masses, hinge, damping (2 N m s/rad) and dry friction (2 N m) are the source's, also the door's light 0.26 kg"
     - "The hinge's axis is reversed, so that the door opens in the positive direction"
     - "The handle's posts are turned by 90 degrees; the source rounds to 1.57 rad"
+    - "The window's triangles are turned over; they face inwards in the source"
     - "The joint's armature of 0.01 kg m^2 is left out; textures are left out"
     - "The URDF's limits of speed and effort are our own, far from what the arm can do"
 """

@@ -79,9 +79,9 @@ PROFILE = [
 
 # The handle in the mug's frame: centre, size, turn about y. It stands out to -x.
 HANDLE = [
-    box((0.0095, 0.0138, 0.046), (-0.0661, -0.0015, 0.0418), name="handle"),
-    box((0.030, 0.0138, 0.0085), (-0.0535, -0.0012, 0.0650), (0, 0.06, 0), name="handle_upper"),
-    box((0.030, 0.0125, 0.0085), (-0.0515, -0.0012, 0.0170), (0, 0.50, 0), name="handle_lower"),
+    box((0.0093, 0.0136, 0.039), (-0.0660, -0.0014, 0.0425), name="handle"),
+    box((0.0255, 0.0142, 0.0085), (-0.0508, -0.0012, 0.0650), (0, 0.06, 0), name="handle_upper"),
+    box((0.0280, 0.0125, 0.0085), (-0.0510, -0.0012, 0.0170), (0, 0.47, 0), name="handle_lower"),
 ]
 
 
@@ -141,9 +141,9 @@ grasps:
   - kind: bar
     name: handle
     link: mug
-    from: [-0.0661, -0.0015, 0.028]
-    to: [-0.0661, -0.0015, 0.054]
-    radius: 0.0069
+    from: [-0.0660, -0.0014, 0.028]
+    to: [-0.0660, -0.0014, 0.056]
+    radius: 0.0068
     outward: [-1, 0, 0]
     swing: 0.4
     # From the bar's centre line to the wall.

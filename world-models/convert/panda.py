@@ -13,36 +13,42 @@ from common import *
 
 WHITE, GREY, DARK = (0.92, 0.92, 0.9, 1), (0.35, 0.35, 0.37, 1), (0.15, 0.15, 0.16, 1)
 
-# Capsules as (end, end, radius) in the link's frame, m: the smallest that a random search found which hold the hull's
-# points to within 1 mm (see fit_capsules.py).
+# Capsules as (end, end, radius) in the link's frame, m: found by fit_capsules.py around the published hulls, then grown
+# until no point of the hull is more than 1 mm outside. Round ends on flat-ended links cost up to 25 mm; see `fit_report`.
 CAPSULES = {
-    "link1": [((0.0, 0.0001, -0.1356), (0.0, -0.0513, -0.0056), 0.0783), ((0.0023, 0.0191, -0.1191), (0.0113, -0.0165, -0.1542), 0.0545)],
-    "link2": [((0.0, -0.138, 0.0), (-0.0018, -0.1041, 0.0202), 0.0781), ((-0.0006, -0.0141, 0.0522), (0.0005, -0.0082, 0.0508), 0.0822)],
-    "link3": [((0.0016, 0.0015, -0.0713), (0.0791, 0.0402, -0.0081), 0.075), ((-0.023, -0.0444, -0.1173), (0.1044, 0.0952, 0.0324), 0.0101)],
-    "link4": [((-0.0825, 0.0758, 0.0), (-0.0022, 0.0053, 0.0413), 0.0725), ((0.0101, 0.0329, 0.0112), (-0.043, 0.0196, 0.0407), 0.0385)],
-    "link5": [((0.0, 0.0013, -0.2084), (0.0001, 0.0619, -0.0123), 0.0751), ((-0.0028, 0.0352, -0.1825), (0.0016, 0.0435, -0.1565), 0.0553)],
+    "link1": [((0.0, -0.0538, -0.0017), (0.0, -0.0002, -0.1371), 0.077), ((-0.0454, 0.0026, 0.0205), (0.0233, 0.0012, 0.0438), 0.01)],
+    "link2": [((0.0, -0.1394, 0.0), (0.0, -0.0144, 0.059), 0.077), ((0.0001, -0.0015, 0.0355), (0.0, -0.0053, 0.0363), 0.066)],
+    "link3": [((0.0102, 0.0053, -0.0657), (0.0, 0.0002, -0.0733), 0.0722), ((0.0386, 0.0199, -0.0457), (0.0786, 0.0414, -0.0034), 0.0722)],
+    "link4": [((-0.0321, 0.0391, 0.0454), (-0.0455, 0.0501, 0.0387), 0.055), ((-0.0008, 0.0074, 0.041), (-0.0825, 0.074, 0.0), 0.0737)],
+    "link5": [
+        ((-0.0081, 0.0462, -0.1667), (0.0157, 0.0261, -0.0567), 0.0503),
+        ((-0.0002, 0.0813, 0.0036), (0.0029, 0.0366, -0.1867), 0.0543),
+        ((0.0, 0.0002, -0.2125), (0.0001, 0.0572, -0.0117), 0.0732),
+    ],
     "link6": [
-        ((0.0884, -0.0303, -0.0001), (-0.0102, 0.005, 0.0147), 0.0481),
-        ((0.0476, 0.0014, 0.0042), (0.072, 0.0226, 0.0024), 0.0657),
-        ((-0.0063, -0.0122, 0.0054), (0.0305, 0.026, 0.0055), 0.0424),
+        ((0.0829, -0.004, 0.0015), (0.0762, 0.0171, 0.0028), 0.07),
+        ((0.0069, -0.002, 0.0116), (0.0512, 0.0102, 0.002), 0.0622),
+        ((-0.0384, 0.016, -0.0075), (0.0341, -0.0344, 0.0433), 0.015),
     ],
     "link7": [
-        ((-0.0067, -0.0028, 0.0762), (-0.0015, -0.0096, 0.078), 0.0469),
-        ((0.0261, 0.02, 0.0796), (0.0025, 0.0064, 0.0794), 0.0486),
-        ((0.0366, 0.0684, 0.0855), (0.0683, 0.0384, 0.0857), 0.0136),
+        ((-0.0068, -0.0028, 0.0762), (-0.0015, -0.0096, 0.078), 0.0489),
+        ((0.026, 0.0199, 0.0796), (0.0023, 0.0063, 0.0794), 0.0506),
+        ((0.0366, 0.0684, 0.0855), (0.0683, 0.0379, 0.0856), 0.0156),
     ],
 }
 # Boxes as (least corner, greatest corner, name): the hull's extents over slices of its height.
 BOXES = {
     "link0": [
-        ((-0.154, -0.0947, 0.0), (0.0716, 0.0947, 0.05), "foot"),
-        ((-0.13, -0.083, 0.05), (0.0655, 0.083, 0.09), "middle"),
-        ((-0.099, -0.0715, 0.09), (0.0605, 0.0715, 0.14), "neck"),
+        ((-0.1541, -0.0947, 0.0), (0.0716, 0.0947, 0.035), "foot"),
+        ((-0.1374, -0.0863, 0.035), (0.0674, 0.0863, 0.07), "middle"),
+        ((-0.1148, -0.0766, 0.07), (0.0632, 0.0766, 0.105), "shoulder"),
+        ((-0.0843, -0.0658, 0.105), (0.059, 0.0658, 0.14), "neck"),
     ],
     "hand": [
         ((-0.0316, -0.104, -0.0075), (0.0316, 0.1004, 0.033), "body"),
-        ((-0.0266, -0.1004, 0.033), (0.0266, 0.1004, 0.066), "jaw"),
-        ((-0.008, -0.104, -0.026), (0.008, -0.0, -0.0075), "plug"),
+        ((-0.0248, -0.1021, 0.033), (0.0248, 0.1004, 0.066), "jaw"),
+        ((-0.0264, -0.1038, -0.018), (0.0264, 0.0782, -0.0075), "back"),
+        ((-0.0123, -0.0981, -0.026), (0.0123, 0.0067, -0.018), "plug"),
     ],
 }
 # One finger, in its own frame: y = 0 is the gripping surface. The pad is where things are held.
@@ -147,6 +153,9 @@ def convert(assets, staged):
         f.write(robot_element("panda", parts, "Made by world-models/convert from franka_description's parameters of the fer (Apache-2.0)"))
     with open(os.path.join(staged, "model.yaml"), "w") as f:
         f.write(document())
+    os.makedirs(os.path.join(staged, "evidence"))
+    with open(os.path.join(staged, "evidence", "collision_fit.txt"), "w") as f:
+        f.write(fit_report(assets) + "\n")
 
 
 def document():
@@ -212,6 +221,7 @@ provenance:
       version: 566ba44abc48be2fca16050c406562e22f85793b
   changes:
     - "Written as a flat URDF from the parameter files of the fer and of the Franka hand; its joint8 is the fixed joint to the flange"
+    - "Inertias are the published ones; the principal moments of link 4 break the triangle inequality by 9.5 %"
     - "Collision shapes are capsules and boxes around the published hulls, which are shown as they are"
     - "The fingers' shapes are boxes of our own after the hand's dimensions; the second finger does not mimic the first"
     - "The wrist camera is our own addition"
@@ -244,10 +254,17 @@ def surface_of(link, rng, count):
         return points
     for i, (a, b, r) in enumerate(CAPSULES[link]):
         others = [c for j, c in enumerate(CAPSULES[link]) if j != i]
+        along = sub(b, a)
+        straight = norm(along) / (norm(along) + 2 * r)  # the side's share of the area
         for _ in range(count):
-            d = unit(tuple(rng.gauss(0, 1) for _ in range(3)))
-            p = add(add(a, mul(sub(b, a), rng.random())), mul(d, r))
-            if distance_to_segment(p, a, b) > r - 1e-6 and all(distance_to_segment(p, c, e) >= s for c, e, s in others):
+            d = tuple(rng.gauss(0, 1) for _ in range(3))
+            if rng.random() < straight:
+                t = rng.random()
+                d = sub(d, mul(along, dot(d, along) / dot(along, along)))
+            else:
+                t = 1.0 if dot(d, along) > 0 else 0.0
+            p = add(add(a, mul(along, t)), mul(unit(d), r))
+            if all(distance_to_segment(p, c, e) >= s for c, e, s in others):
                 points.append(p)
     return points
 

@@ -7,12 +7,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
+use crate::text::{DOCUMENT_BYTES, hint_in_serde_message, read_text};
 
 /// The version of `model.yaml` that this crate reads and writes.
 pub const SCHEMA: u32 = 1;
 
 /// Everything in `model.yaml`. Unknown keys are errors, so that a misspelt one is not silently ignored.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Document {
     /// Must equal [`SCHEMA`].
@@ -76,23 +77,56 @@ impl Default for Document {
 }
 
 impl Document {
-    /// Reads and checks a `model.yaml`.
+    /// Reads a `model.yaml`. Whether it fits a URDF is checked when the model is read ([`crate::ObjectModel::read`]).
+    ///
+    /// Errors: a file that is missing or too large, YAML that is broken (with its line), an unknown key, another schema.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ModelError::File { path: path.to_owned(), source })?;
-        let document: Self = serde_yaml::from_str(&text).map_err(|e| ModelError::Malformed {
-            path: path.to_owned(),
-            line: e.location().map(|l| l.line()),
-            message: e.to_string(),
-        })?;
-        if document.schema != SCHEMA {
-            return Err(ModelError::Malformed {
-                path: path.to_owned(),
-                line: None,
-                message: format!("schema {} is not the schema {SCHEMA} that this version reads", document.schema),
-            });
-        }
-        Ok(document)
+        Self::parse(&read_text(path, DOCUMENT_BYTES)?, path)
     }
+
+    pub(crate) fn parse(text: &str, path: &Path) -> Result<Self, ModelError> {
+        let malformed = |line, message| ModelError::Malformed { path: path.to_owned(), line, message };
+        // The schema first: a file of another one has other keys, and complaining about those would mislead.
+        let schema: SchemaOnly = serde_yaml::from_str(text).map_err(|e| {
+            let message = format!("{e}; a model.yaml begins with 'schema: {SCHEMA}'");
+            malformed(e.location().map(|l| l.line()), message)
+        })?;
+        if schema.schema != SCHEMA {
+            let line = line_of(text, "schema");
+            let hint = if schema.schema > SCHEMA { "; it was written by a newer version of this software" } else { "" };
+            return Err(malformed(line, format!("schema {} is not the schema {SCHEMA} that is read here{hint}", schema.schema)));
+        }
+        serde_yaml::from_str(text).map_err(|e| {
+            let message = e.to_string();
+            let hint = hint_in_serde_message(&message);
+            malformed(e.location().map(|l| l.line()), message + &hint)
+        })
+    }
+
+    /// The document as YAML; [`Document::read`] of it gives the same document.
+    pub fn to_yaml(&self) -> Result<String, ModelError> {
+        serde_yaml::to_string(self).map_err(|e| ModelError::Malformed {
+            path: "model.yaml".into(),
+            line: None,
+            message: format!("cannot be written: {e}"),
+        })
+    }
+}
+
+/// The one key that every schema has.
+#[derive(Deserialize)]
+struct SchemaOnly {
+    schema: u32,
+}
+
+/// The first line that has a word; near enough to show where a checked value stands.
+pub(crate) fn line_of(text: &str, word: &str) -> Option<usize> {
+    let bounded = |c: Option<char>| c.is_none_or(|c| !(c.is_alphanumeric() || c == '_' || c == '-'));
+    let has = |line: &str| {
+        let code = line.split(" #").next().unwrap_or(line);
+        code.match_indices(word).any(|(i, _)| bounded(code[..i].chars().next_back()) && bounded(code[i + word.len()..].chars().next()))
+    };
+    text.lines().position(has).map(|i| i + 1).filter(|_| !word.is_empty())
 }
 
 /// A pose as people write it: position in m, and roll, pitch, yaw in rad (URDF's convention: fixed axes x, y, z in turn).

@@ -14,7 +14,10 @@ mod error;
 mod mesh;
 mod model;
 mod shape;
+mod text;
 mod urdf;
+mod validate;
+mod xml;
 
 pub use document::{
     BarGrasp, Camera, Configuration, Document, EffectEntry, Finger, GraspHint, Gripper, Origin, Provenance, RefitTolerance, Region,
@@ -22,5 +25,6 @@ pub use document::{
 };
 pub use error::ModelError;
 pub use mesh::TriangleMesh;
-pub use model::{Inertial, Joint, JointKind, JointLimits, Link, Mimic, ObjectModel};
+pub use model::{DOCUMENT_FILE, Inertial, Joint, JointKind, JointLimits, Link, Mimic, ObjectModel, URDF_FILE};
 pub use shape::{Geometry, Shape};
+pub use text::{did_you_mean, nearest};

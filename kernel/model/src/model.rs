@@ -1,8 +1,15 @@
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Unit, Vector3};
 
-use crate::{Document, ModelError, Shape};
+use crate::text::{DOCUMENT_BYTES, read_text};
+use crate::{Document, Geometry, ModelError, Shape, TriangleMesh};
+
+/// Name of the URDF in a model's folder.
+pub const URDF_FILE: &str = "object.urdf";
+/// Name of the document in a model's folder.
+pub const DOCUMENT_FILE: &str = "model.yaml";
 
 /// One object model, read and checked: a tree of links, and the document that says what URDF cannot.
 #[derive(Debug, Clone)]
@@ -141,19 +148,89 @@ impl JointLimits {
 
 impl ObjectModel {
     /// Reads a model from its folder (`object.urdf`, and `model.yaml` if there is one) and checks it.
+    ///
+    /// Errors: as [`Self::read_urdf`].
     pub fn read(folder: impl AsRef<Path>) -> Result<Self, ModelError> {
-        let folder = folder.as_ref();
-        let document_path = folder.join("model.yaml");
-        let document = if document_path.exists() { Document::read(&document_path)? } else { Document::default() };
-        crate::urdf::read(&folder.join("object.urdf"), document)
+        Self::read_urdf(folder.as_ref().join(URDF_FILE))
     }
 
-    /// Reads a URDF anywhere, with the `model.yaml` beside it if there is one.
+    /// Reads a URDF anywhere, with the `model.yaml` beside it if there is one, and checks that they fit together.
+    ///
+    /// Errors name the file, the line where it is known, the link, joint or entry, and what to do: files that are missing,
+    /// too large or broken; what no body can be (mass, inertia, limits, axes); links that do not form one tree; names that
+    /// do not exist.
     pub fn read_urdf(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
-        let document_path = path.with_file_name("model.yaml");
-        let document = if document_path.exists() { Document::read(&document_path)? } else { Document::default() };
-        crate::urdf::read(path, document)
+        let document_path = path.with_file_name(DOCUMENT_FILE);
+        if !document_path.exists() {
+            return crate::urdf::read(path, Document::default());
+        }
+        let text = read_text(&document_path, DOCUMENT_BYTES)?;
+        let model = crate::urdf::read(path, Document::parse(&text, &document_path)?)?;
+        crate::validate::check(&model, &document_path, &text)?;
+        Ok(model)
+    }
+
+    /// The text of the model's URDF, with meshes named as [`Self::write`] lays them.
+    pub fn to_urdf(&self) -> String {
+        let names = self.mesh_names();
+        crate::urdf::to_urdf(self, |file| names.get(file).cloned().unwrap_or_else(|| file.to_string_lossy().into_owned()))
+    }
+
+    /// Writes `object.urdf`, `model.yaml` and the meshes into a folder, which is made if it is not there. A mesh file that
+    /// still exists is copied as it is; otherwise its triangles are written anew as STL. Reading the folder gives an equal
+    /// model, but for rounding in the poses' angles.
+    ///
+    /// Errors: a file that cannot be written.
+    pub fn write(&self, folder: impl AsRef<Path>) -> Result<(), ModelError> {
+        let folder = folder.as_ref();
+        let store = |path: PathBuf, bytes: &[u8]| {
+            let write = || {
+                path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+                std::fs::write(&path, bytes)
+            };
+            write().map_err(|source| ModelError::File { path: path.clone(), source })
+        };
+        let names = self.mesh_names();
+        let shapes = self.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
+        for shape in shapes {
+            let Geometry::Mesh { file, scale, mesh } = &shape.geometry else { continue };
+            let Some(name) = names.get(file) else { continue };
+            let bytes = std::fs::read(self.folder.join(file))
+                .unwrap_or_else(|_| TriangleMesh::clone(mesh).scaled(&scale.map(|s| 1.0 / s)).to_stl());
+            store(folder.join(name), &bytes)?;
+        }
+        store(folder.join(DOCUMENT_FILE), self.document.to_yaml()?.as_bytes())?;
+        store(folder.join(URDF_FILE), self.to_urdf().as_bytes())
+    }
+
+    /// The names that the model's mesh files have in a folder of its own: those inside the model's folder keep theirs, others
+    /// move to `meshes/`.
+    fn mesh_names(&self) -> BTreeMap<PathBuf, String> {
+        let mut names: BTreeMap<PathBuf, String> = BTreeMap::new();
+        for shape in self.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions)) {
+            let Geometry::Mesh { file, .. } = &shape.geometry else { continue };
+            if names.contains_key(file) {
+                continue;
+            }
+            let inside = file.components().all(|c| matches!(c, std::path::Component::Normal(_)));
+            let stem = file.file_stem().and_then(|s| s.to_str()).unwrap_or("mesh");
+            let ending = match self.folder.join(file).is_file() {
+                true => file.extension().and_then(|e| e.to_str()).unwrap_or("stl"),
+                false => "stl",
+            };
+            let mut name = match file.to_str().filter(|_| inside && self.folder.join(file).is_file()) {
+                Some(name) => name.to_owned(),
+                None => format!("meshes/{stem}.{ending}"),
+            };
+            let mut count = 1;
+            while names.values().any(|n| *n == name) {
+                count += 1;
+                name = format!("meshes/{stem}_{count}.{ending}");
+            }
+            names.insert(file.clone(), name);
+        }
+        names
     }
 
     /// Index of a link by name.
