@@ -16,7 +16,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sagci_model::ObjectModel;
 use sagci_planning::{
-    ArticulationRequest, CollisionWorld, Destination, FreeMotionOptions, PlanError, Scene, SceneObject, TransferOptions, free_motion,
+    ArticulationRequest, CollisionWorld, Destination, FreeMotionOptions, PathOptions, PlanError, Scene, SceneObject, TransferOptions, free_motion,
     plan_articulation, plan_pick,
 };
 
@@ -87,8 +87,16 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
         stages.push((name, r, now.elapsed().as_secs_f64()));
         now = Instant::now();
     };
+    let search = PathOptions {
+        anchors: layout.get("anchors", 4.0) as usize,
+        starts: layout.get("starts", 30.0) as usize,
+        nodes: layout.get("nodes", 36.0) as usize,
+        ..PathOptions::default()
+    };
+    let standoff = layout.get("standoff", 0.1);
+    let grasps = layout.get("grasps", 18.0) as usize;
     let world = CollisionWorld::new(&scene).unwrap();
-    let request = ArticulationRequest { seed, ..ArticulationRequest::new(0, 0, 0.0, open, &ready) };
+    let request = ArticulationRequest { seed, search: search.clone(), standoff, grasps, ..ArticulationRequest::new(0, 0, 0.0, open, &ready) };
     let mut at = ready.clone();
     match plan_articulation(&scene, &world, &request, &|| false) {
         Ok(plans) => {
@@ -119,6 +127,9 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
         Destination::Table { at: [layout.get("px", 0.4), layout.get("py", -0.4)] }
     };
     let options = TransferOptions { seed, ..TransferOptions::default() };
+    if layout.get("transfer", 1.0) == 0.0 {
+        // Only the door.
+    } else {
     match plan_pick(&scene, &world, 1, &at, Some(&destination), &options, &|| false) {
         Ok(plans) => {
             let plan = &plans[0];
@@ -136,8 +147,9 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
         }
         Err(e) => push(&mut stages, "transfer", Err(e)),
     }
+    }
     let world = CollisionWorld::new(&scene).unwrap();
-    let request = ArticulationRequest { seed, ..ArticulationRequest::new(0, 0, open, 0.0, &at) };
+    let request = ArticulationRequest { seed, search, standoff, grasps, ..ArticulationRequest::new(0, 0, open, 0.0, &at) };
     match plan_articulation(&scene, &world, &request, &|| false) {
         Ok(plans) => {
             let plan = &plans[0];

@@ -33,6 +33,8 @@ pub struct ArticulationRequest {
     pub grasps: usize,
     /// Plans wanted, best first.
     pub plans: usize,
+    /// How paths are searched; its seed and start are set from here.
+    pub search: PathOptions,
     /// Seed of every random choice.
     pub seed: u64,
 }
@@ -50,6 +52,7 @@ impl ArticulationRequest {
             standoff: 0.1,
             grasps: 18,
             plans: 1,
+            search: PathOptions::default(),
             seed: 0,
         }
     }
@@ -325,7 +328,7 @@ fn try_grasp(
     let options = PathOptions {
         seed: request.seed.wrapping_mul(0x9e37_79b9).wrapping_add(number),
         start_near: Some(request.q_start.clone()),
-        ..PathOptions::default()
+        ..request.search.clone()
     };
     let found = arm_path(&path, &[seed], &mut check, &options, cancelled)?;
     let mut q = found.q;

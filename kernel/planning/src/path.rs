@@ -1,16 +1,17 @@
 //! Joint paths that carry the tool along a line of goals.
 //!
-//! The arm (with the task's freedoms as further joints) is redundant, so each goal has a family of solutions. Nodes of a
-//! layered graph are found by continuation: inverse kinematics from many starts at a few goals, each solution then
-//! followed to both ends of the line with a pull toward the middle of the joints' ranges. Nodes that collide are
-//! dropped; an edge joins nodes of neighbouring layers that the joints' speed limits allow; dynamic programming finds the
-//! path of least joint motion that also stays away from limits and singular poses. (Descartes' ladder graph, with
-//! continuation in place of even sampling: tracks are continuous by construction, and cross edges let them switch.)
+//! The arm (with the task's freedoms as further joints) is redundant, so each goal has a family of solutions. A layered
+//! graph over the goals samples these families: at some goals inverse kinematics from many starts gives fresh solutions,
+//! and each free node is followed to the next goal as it is, drawn to the middle of the joints' ranges, and disturbed at
+//! random along the family, once from the first goal to the last and once back. Nodes that collide are dropped at once,
+//! so that the effort goes where there is room; a layer keeps a bounded number of nodes, spread out. Dynamic programming
+//! over edges that the joints can follow finds the path of least joint motion that stays away from limits and singular
+//! poses. (Descartes' ladder graph, with continuation in place of even sampling.)
 
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use crate::inverse::{InverseOptions, Preference, Workspace};
@@ -43,14 +44,16 @@ pub struct ToolPath {
 pub struct PathOptions {
     /// Seed of the random starts.
     pub seed: u64,
-    /// Goals from which tracks start.
+    /// Goals at which fresh solutions are sought, from the first to the last.
     pub anchors: usize,
     /// Inverse kinematics starts at each of them.
     pub starts: usize,
-    /// Greatest change of a joint from one goal to the next on a track, rad or m.
-    pub track_step: f64,
-    /// The same where the path changes from one track to another.
-    pub cross_step: f64,
+    /// Nodes that a layer keeps from each direction.
+    pub nodes: usize,
+    /// Greatest change of a joint from one goal to the next, rad or m.
+    pub step: f64,
+    /// A change of a joint from one goal to the next that costs nothing extra, rad or m.
+    pub smooth_step: f64,
     /// Distance kept from joint limits, rad or m.
     pub margin: f64,
     /// Weight of a change of a freedom against that of an arm joint.
@@ -61,7 +64,17 @@ pub struct PathOptions {
 
 impl Default for PathOptions {
     fn default() -> Self {
-        Self { seed: 0, anchors: 4, starts: 14, track_step: 0.25, cross_step: 0.1, margin: 0.05, freedom_weight: 0.3, start_near: None }
+        Self {
+            seed: 0,
+            anchors: 4,
+            starts: 30,
+            nodes: 36,
+            step: 0.25,
+            smooth_step: 0.1,
+            margin: 0.05,
+            freedom_weight: 0.3,
+            start_near: None,
+        }
     }
 }
 
@@ -101,7 +114,6 @@ pub fn arm_path(
     let n = first.joints();
     let chain = |i: usize| &path.chains[path.waypoints[i].chain.min(path.chains.len() - 1)];
 
-    let mut layers: Vec<Vec<Node>> = vec![Vec::new(); count];
     let mut work = Workspace::new(first, options.margin);
     let middle: Vec<f64> = (0..n)
         .map(|i| if first.lower[i].is_finite() && first.upper[i].is_finite() { 0.5 * (first.lower[i] + first.upper[i]) } else { 0.0 })
@@ -110,97 +122,121 @@ pub fn arm_path(
     let preference = Preference { q: &middle, gain: &gain };
     let mut random = Pcg64::seed_from_u64(options.seed);
     let anchors = options.anchors.clamp(1, count);
+    let anchor_at: Vec<usize> = (0..anchors).map(|a| if anchors == 1 { 0 } else { a * (count - 1) / (anchors - 1) }).collect();
+    let inverse =
+        InverseOptions { starts: 0, solutions: options.starts, margin: options.margin, tolerance: 1e-7, steps: 60, ..InverseOptions::default() };
+
+    // Fresh solutions at the anchors; a goal that has none at all ends the search before anything is followed.
+    let mut fresh: Vec<Vec<Vec<f64>>> = vec![Vec::new(); count];
     let mut unreachable: Vec<usize> = Vec::new();
-    for a in 0..anchors {
+    for at in &anchor_at {
         if cancelled() {
-            return Err(PlanError::Cancelled { stage: stage(0) });
+            return Err(PlanError::Cancelled { stage: stage(*at) });
         }
-        let at = if anchors == 1 { 0 } else { a * (count - 1) / (anchors - 1) };
-        let mut starts: Vec<Vec<f64>> = seeds.to_vec();
-        // Solutions that are already tracked here are good starts: they cost one step.
-        for _ in 0..options.starts {
-            let mut q = vec![0.0; n];
-            first.random_configuration(&mut random, &work.lower, &work.upper, &mut q);
-            starts.push(q);
-        }
-        let inverse =
-            InverseOptions { starts: 0, solutions: options.starts, margin: options.margin, tolerance: 1e-7, ..InverseOptions::default() };
-        let mut solutions = chain(at).inverse(&path.waypoints[at].goal, &starts, &inverse);
-        if solutions.is_empty() {
-            let more = InverseOptions { starts: 40, solutions: 2, seed: options.seed ^ 0x9e37, ..inverse };
-            solutions = chain(at).inverse(&path.waypoints[at].goal, &[], &more);
-        }
-        if solutions.is_empty() {
-            unreachable.push(at);
-        }
-        for solution in solutions {
-            if near_node(&layers[at], &solution, 0.03) {
-                continue;
-            }
-            layers[at].push(Node::new(solution.clone()));
-            for (backward, pulled) in [(false, false), (true, false), (false, true), (true, true)] {
-                let mut q = solution.clone();
-                let mut i = at;
-                loop {
-                    let next = if backward { i.wrapping_sub(1) } else { i + 1 };
-                    if next >= count {
-                        break;
-                    }
-                    let before = q.clone();
-                    if !chain(next).solve(&path.waypoints[next].goal, &mut q, 14, 1e-7, pulled.then_some(&preference), &mut work)
-                        || q.iter().zip(&before).any(|(a, b)| (a - b).abs() > options.track_step)
-                    {
-                        break;
-                    }
-                    // A track that runs into another one goes on as that one.
-                    if near_node(&layers[next], &q, 0.01) {
-                        break;
-                    }
-                    layers[next].push(Node::new(q.clone()));
-                    i = next;
-                }
-            }
+        let options = InverseOptions { starts: options.starts, seed: random.random(), ..inverse.clone() };
+        fresh[*at] = chain(*at).inverse(&path.waypoints[*at].goal, seeds, &options);
+        if fresh[*at].is_empty() {
+            unreachable.push(*at);
         }
     }
-    let empty: Vec<usize> = (0..count).filter(|i| layers[*i].is_empty()).collect();
-    if let Some(at) = empty.first() {
-        let goal = path.waypoints[*at].goal.translation.vector;
-        return Err(PlanError::Unreachable {
-            stage: stage(*at),
+    let no_solution = |at: usize, share: String| {
+        let goal = path.waypoints[at].goal.translation.vector;
+        PlanError::Unreachable {
+            stage: stage(at),
             message: format!(
-                "{} of {count} tool poses have no solution within the joint limits, first number {} at ({:.2}, {:.2}, {:.2}) m",
-                empty.len(),
+                "{share} have no solution within the joint limits, first number {} of {count} at ({:.2}, {:.2}, {:.2}) m",
                 at + 1,
                 goal.x,
                 goal.y,
                 goal.z
             ),
-        });
+        }
+    };
+    if let Some(at) = unreachable.first() {
+        return Err(no_solution(*at, format!("{} of {anchors} tool poses looked at", unreachable.len())));
     }
 
-    // Collisions: what blocks each layer is counted, for the message.
-    for i in 0..count {
-        if cancelled() {
-            return Err(PlanError::Cancelled { stage: stage(i) });
-        }
-        let mut blocked: BTreeMap<Contact, usize> = BTreeMap::new();
-        let total = layers[i].len();
-        layers[i].retain(|node| match check(i, &node.q) {
-            None => true,
-            Some(contact) => {
-                *blocked.entry(contact).or_default() += 1;
-                false
+    let mut layers: Vec<Vec<Node>> = vec![Vec::new(); count];
+    let mut tally: Vec<Tally> = vec![Tally::default(); count];
+    for backward in [false, true] {
+        let mut previous: Vec<Vec<f64>> = Vec::new();
+        for k in 0..count {
+            if cancelled() {
+                return Err(PlanError::Cancelled { stage: stage(k) });
             }
-        });
-        if layers[i].is_empty() {
-            let (contact, times) =
-                blocked.into_iter().max_by_key(|(_, n)| *n).unwrap_or((Contact { first: "arm".into(), second: "something".into() }, 0));
-            return Err(PlanError::Collision {
-                stage: stage(i),
-                first: contact.first,
-                second: contact.second,
-                message: format!("in {times} of {total} ways to reach pose {} of {count}, and no way is free", i + 1),
-            });
+            let i = if backward { count - 1 - k } else { k };
+            let goal = &path.waypoints[i].goal;
+            // The way back begins with all that was found at the end.
+            let mut kept: Vec<Vec<f64>> = if backward && k == 0 { layers[i].iter().map(|n| n.q.clone()).collect() } else { Vec::new() };
+            let mut consider = |q: Vec<f64>, spacing: f64, kept: &mut Vec<Vec<f64>>, check: &mut PathCheck| {
+                if near(kept, &q, spacing) {
+                    return;
+                }
+                if near_node(&layers[i], &q, 1e-3) {
+                    kept.push(q);
+                    return;
+                }
+                let t = &mut tally[i];
+                t.tried += 1;
+                match check(i, &q) {
+                    Some(contact) => *t.blocked.entry(contact).or_default() += 1,
+                    None => {
+                        layers[i].push(Node::new(q.clone()));
+                        kept.push(q);
+                    }
+                }
+            };
+            // Going on as it is comes first, so that a track is not lost to one that is only near it.
+            for q0 in &previous {
+                let mut q = q0.clone();
+                if chain(i).solve(goal, &mut q, 14, 1e-7, None, &mut work) && joined(q0, &q, options.step) {
+                    consider(q, 0.02, &mut kept, check);
+                }
+            }
+            let fresh_here = if backward { &[][..] } else { &fresh[i][..] };
+            for q in fresh_here.iter().take(options.nodes) {
+                consider(q.clone(), 0.1, &mut kept, check);
+            }
+            for round in 0..3 {
+                for q0 in &previous {
+                    if kept.len() >= options.nodes {
+                        break;
+                    }
+                    let mut q = q0.clone();
+                    if round > 0 {
+                        for x in &mut q {
+                            *x += options.step * 0.8 * (2.0 * random.random::<f64>() - 1.0);
+                        }
+                    }
+                    let pull = (round == 0).then_some(&preference);
+                    if chain(i).solve(goal, &mut q, 14, 1e-7, pull, &mut work) && joined(q0, &q, options.step) {
+                        consider(q, 0.08, &mut kept, check);
+                    }
+                }
+            }
+            if kept.is_empty() && !backward {
+                // Every way is blocked or lost: look once more all round.
+                let again = InverseOptions { starts: 2 * options.starts, seed: random.random(), ..inverse.clone() };
+                for q in chain(i).inverse(goal, &previous, &again) {
+                    consider(q, 0.1, &mut kept, check);
+                }
+                if kept.is_empty() {
+                    let t = &mut tally[i];
+                    let total = t.tried;
+                    return Err(match std::mem::take(&mut t.blocked).into_iter().max_by_key(|(_, n)| *n) {
+                        None => no_solution(i, "tool poses".into()),
+                        Some((contact, times)) => PlanError::Collision {
+                            stage: stage(i),
+                            first: contact.first,
+                            second: contact.second,
+                            message: format!("in {times} of {total} ways to reach pose {} of {count}, and no way is free", i + 1),
+                        },
+                    });
+                }
+            }
+            // A layer that is too full keeps a spread of its nodes: the first are the continuations.
+            kept.truncate(2 * options.nodes);
+            previous = kept;
         }
     }
 
@@ -228,11 +264,11 @@ pub fn arm_path(
                         motion += w * d * d;
                         largest = largest.max(d.abs());
                     }
-                    if largest > options.track_step {
+                    if largest > options.step {
                         continue;
                     }
-                    // Changing tracks costs extra: between the goals the tool then leaves the line a little.
-                    let jump = (largest / options.cross_step - 1.0).max(0.0);
+                    // Long steps cost extra: between the goals the tool then leaves the line a little.
+                    let jump = (largest / options.smooth_step - 1.0).max(0.0);
                     let cost = previous.cost + scale * motion + 4.0 * jump * jump;
                     if cost < best.0 {
                         best = (cost, p);
@@ -290,6 +326,21 @@ impl Node {
     }
 }
 
+/// What was found at one goal.
+#[derive(Debug, Clone, Default)]
+struct Tally {
+    tried: usize,
+    blocked: BTreeMap<Contact, usize>,
+}
+
+fn joined(a: &[f64], b: &[f64], step: f64) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= step)
+}
+
+fn near(list: &[Vec<f64>], q: &[f64], tolerance: f64) -> bool {
+    list.iter().any(|n| n.iter().zip(q).all(|(a, b)| (a - b).abs() < tolerance))
+}
+
 fn near_node(layer: &[Node], q: &[f64], tolerance: f64) -> bool {
     layer.iter().any(|n| n.q.iter().zip(q).all(|(a, b)| (a - b).abs() < tolerance))
 }
@@ -316,7 +367,7 @@ fn smooth(path: &ToolPath, q: &mut [Vec<f64>], check: &mut PathCheck, options: &
             let mut candidate: Vec<f64> = (0..smoothed[i].len()).map(|j| 0.5 * (smoothed[i - 1][j] + smoothed[i + 1][j])).collect();
             let chain = &path.chains[path.waypoints[i].chain.min(path.chains.len() - 1)];
             if chain.solve(&path.waypoints[i].goal, &mut candidate, 10, 1e-8, None, work)
-                && candidate.iter().zip(&smoothed[i]).all(|(a, b)| (a - b).abs() < options.track_step)
+                && candidate.iter().zip(&smoothed[i]).all(|(a, b)| (a - b).abs() < options.step)
             {
                 smoothed[i] = candidate;
             }

@@ -368,7 +368,7 @@ fn pick_path(
     let mut check = |i: usize, q: &[f64]| {
         if i <= grasp_at { near.check(q, h.grasp.width) } else { lifting.check(q, h.grasp.hold_width) }
     };
-    let options = PathOptions { seed: options.seed.wrapping_add(number), anchors: 2, starts: 6, ..PathOptions::default() };
+    let options = PathOptions { seed: options.seed.wrapping_add(number), anchors: 2, starts: 8, nodes: 16, ..PathOptions::default() };
     let found = arm_path(&path, starts, &mut check, &options, cancelled)?;
     let mut approach = found.q;
     let mut lift = approach.split_off(grasp_at + 1);
@@ -615,7 +615,8 @@ fn place_held(
         let path_options = PathOptions {
             seed: options.seed.wrapping_add(looked as u64),
             anchors: 3,
-            starts: 8,
+            starts: 10,
+            nodes: 16,
             start_near: Some(q_start.to_vec()),
             ..PathOptions::default()
         };
