@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use sagci_script::host::report::{Figure, Rate, RunReport, StepStatus};
-use sagci_script::host::{Kit, OpenedWorld, Registration, RunError, RunOptions, WorldSource, run_many};
-use sagci_world::{WorldOptions, open};
+use sagci_script::host::{Kit, Registration, RunError, RunOptions, WorldSource, run_many};
+use sagci_world::recording::{Journal, RecordedWorld, RunRecord};
+use sagci_world::{RapierWorld, World, WorldOptions, open};
 use serde::Serialize;
 
 use crate::arguments::{Format, Run};
@@ -27,9 +28,22 @@ impl WorldSource for Worlds {
         &self.kind
     }
 
-    fn open(&self, _recording: Option<&Path>) -> Result<OpenedWorld, String> {
-        let world = open(&self.kind, WorldOptions::default()).map_err(|e| e.to_string())?;
-        Ok(OpenedWorld { world })
+    fn open(&self, recording: Option<(&Path, &RunRecord)>) -> Result<(Box<dyn World>, Option<Journal>), String> {
+        let options = WorldOptions::default();
+        match recording {
+            None => open(&self.kind, options).map(|world| (world, None)).map_err(|e| e.to_string()),
+            Some((path, record)) if self.kind == "rapier" => {
+                let world = RecordedWorld::rapier(RapierWorld::new(options), path, record).map_err(|e| e.to_string())?;
+                let journal = world.journal();
+                Ok((Box::new(world), Some(journal)))
+            }
+            Some((path, record)) => {
+                let world = open(&self.kind, options).map_err(|e| e.to_string())?;
+                let world = RecordedWorld::sensors(world, path, record).map_err(|e| e.to_string())?;
+                let journal = world.journal();
+                Ok((Box::new(world), Some(journal)))
+            }
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use sagci_perception::{Freedom, JointSearch, Located, PerceptionError, Place, Pr
 use sagci_planning::{CollisionWorld, FreeMotionOptions, JointTrajectory, MotionLimits, PlanError, free_motion, time_path};
 use sagci_signal::{Command, ObjectBelief, Observation, SceneBelief};
 use sagci_skill::BeliefChange;
+use sagci_world::recording::Journal;
 use sagci_world::{Placement, Scene, World};
 
 use super::aim;
@@ -71,6 +72,7 @@ pub(super) struct Thing {
 /// A run under way.
 pub(super) struct Live {
     pub world: Box<dyn World>,
+    pub journal: Option<Journal>,
     pub scene: Scene,
     pub belief: SceneBelief,
     pub things: Vec<Thing>,
@@ -103,6 +105,13 @@ pub(super) fn broken(what: &str, error: impl std::fmt::Display) -> Stop {
 impl Live {
     pub fn cancelled(&self) -> bool {
         self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Writes into the recording what is believed now.
+    pub fn note_belief(&self) {
+        if let Some(journal) = &self.journal {
+            journal.belief(&self.belief);
+        }
     }
 
     pub fn index(&self, object: &str) -> Option<usize> {

@@ -11,8 +11,9 @@ use std::time::Instant;
 
 use sagci_model::{JointKind, ObjectModel};
 use sagci_skill::{Argument, Failure, FailureCode, PlanRequest};
-use sagci_world::World;
+use sagci_world::{Scene, World};
 use sagci_world::judge::{Goals, Verdict};
+use sagci_world::recording::{Journal, Level, Outcome as RunOutcome, RunRecord, Versioned};
 
 use super::arm::HostArm;
 use super::belief::{self, joint_slot};
@@ -20,7 +21,7 @@ use super::live::{Live, Perceive, Sought, Thing, broken};
 use super::progress::{Event, Progress};
 use super::report::{FailureReport, GoalReport, RunReport, StepReport, StepStatus, Version, Versions, figures, gap};
 use super::scene::Declared;
-use super::step::failure;
+use super::step::{Calling, failure};
 use crate::language::engine::{Surroundings, code_name};
 use crate::language::execute::{End, execute};
 use crate::language::stage::{Declaration, Outcome, Quantity, Refusal, Stage, Stop};
@@ -33,14 +34,9 @@ pub trait WorldSource: Send + Sync {
     /// The kind of world, for reports.
     fn kind(&self) -> &str;
 
-    /// A new world, not yet reset. If `recording` is given, it writes there what passes.
-    fn open(&self, recording: Option<&Path>) -> Result<OpenedWorld, String>;
-}
-
-/// A new world.
-pub struct OpenedWorld {
-    /// The world.
-    pub world: Box<dyn World>,
+    /// A new world, not yet reset. If a recording is asked for, what passes is written to that file; the journal is the
+    /// way to write there what the world does not know.
+    fn open(&self, recording: Option<(&Path, &RunRecord)>) -> Result<(Box<dyn World>, Option<Journal>), String>;
 }
 
 /// What runs are made with.
@@ -92,13 +88,14 @@ pub fn run(script: &Path, kit: &Kit, options: &RunOptions) -> Result<RunReport, 
     let goals = goals_of(script)?;
     let start = Instant::now();
     let host = Rc::new(RefCell::new(Host {
+        script: script.to_owned(),
         kit: kit.clone(),
         options: options.clone(),
         goals,
         declared: Declared::default(),
         phase: Phase::Declaring,
         steps: Vec::new(),
-        recording: None,
+        journal: None,
         used_skills: BTreeMap::new(),
     }));
     let stage: Rc<RefCell<dyn Stage>> = host.clone();
@@ -114,7 +111,7 @@ pub fn run(script: &Path, kit: &Kit, options: &RunOptions) -> Result<RunReport, 
         }
         End::Failed { code, stage, diagnostic } => Some(FailureReport { code, stage, message: diagnostic.to_string() }),
     };
-    let report = host.finish(script, failure, start);
+    let report = host.finish(script, failure, start)?;
     kit.progress.event(options.seed, &Event::Finished { report: &report });
     Ok(report)
 }
@@ -176,13 +173,14 @@ struct Predicted {
 }
 
 struct Host {
+    script: PathBuf,
     kit: Kit,
     options: RunOptions,
     goals: Option<Goals>,
     declared: Declared,
     phase: Phase,
     steps: Vec<StepReport>,
-    recording: Option<PathBuf>,
+    journal: Option<Journal>,
     used_skills: BTreeMap<String, LoadedSkill>,
 }
 
@@ -202,17 +200,28 @@ impl Host {
             return Ok(());
         };
         let recording = self.options.out.as_ref().map(|out| out.join(format!("seed-{}.mcap", self.options.seed)));
-        let mut world = worlds.open(recording.as_deref()).map_err(Stop::Broken)?.world;
-        self.recording = recording;
-        world.reset(&scene, self.options.seed).map_err(|e| match e {
-            sagci_world::WorldError::Scene { .. } => Stop::Refused(Refusal { message: e.to_string(), hint: None }),
-            other => broken("the world", other),
-        })?;
+        let record = self.record(&scene, worlds.kind());
+        let (mut world, journal) = worlds.open(recording.as_deref().map(|path| (path, &record))).map_err(Stop::Broken)?;
+        self.journal.clone_from(&journal);
+        if let Err(e) = world.reset(&scene, self.options.seed) {
+            drop(world);
+            // Nothing has happened: there is nothing to keep.
+            if let Some(journal) = self.journal.take() {
+                let path = journal.path();
+                drop(journal);
+                let _ = std::fs::remove_file(path);
+            }
+            return Err(match e {
+                sagci_world::WorldError::Scene { .. } => Stop::Refused(Refusal { message: e.to_string(), hint: None }),
+                other => broken("the world", other),
+            });
+        }
         let arm = HostArm::new(&scene.robot, belief.X_WR, world.period()).map_err(|e| broken("the arm's control", e))?;
         let things =
             scene.objects.iter().map(|o| Thing { model: o.model.clone(), declared: Some(o.placement.clone()), released: false }).collect();
         let mut live = Live {
             observation: world.observe(),
+            journal,
             world,
             scene,
             belief,
@@ -225,6 +234,7 @@ impl Host {
         };
         let all: Vec<Sought> = live.belief.objects.iter().map(|o| Sought::object(&o.name)).collect();
         let looked = live.look_around(&all);
+        live.note_belief();
         // Kept also when it was interrupted: the report and the recording need it.
         self.phase = Phase::Live(Box::new(live));
         looked
@@ -288,7 +298,8 @@ impl Host {
                     Err(f) => return Ok(Some(f)),
                 };
                 report.predicted = figures(&plan.summary.predicted);
-                let carried = live.carry_out(step, call, &plan.summary, plan.execution.as_mut());
+                let calling = Calling { step, skill: &skill.manifest.name, call };
+                let carried = live.carry_out(&calling, &plan.summary, plan.execution.as_mut());
                 report.seconds = live.observation.time - start;
                 let mut carried = carried?;
                 report.measured = figures(&carried.measured);
@@ -307,7 +318,7 @@ impl Host {
         }
     }
 
-    fn finish(&mut self, script: &Path, mut failure: Option<FailureReport>, start: Instant) -> RunReport {
+    fn finish(&mut self, script: &Path, mut failure: Option<FailureReport>, start: Instant) -> Result<RunReport, RunError> {
         let (mut goals, mut seconds, mut world_kind) = (Vec::new(), 0.0, "none".to_owned());
         let mut met = true;
         let mut models: Vec<String> = self.declared.objects.iter().map(|(d, _)| d.model.clone()).collect();
@@ -315,6 +326,7 @@ impl Host {
             models.insert(0, robot.name.clone());
         }
         models.dedup();
+        let recording = self.journal.as_ref().map(Journal::path);
         if let Phase::Live(live) = std::mem::replace(&mut self.phase, Phase::Declaring) {
             seconds = live.observation.time;
             world_kind = self.kit.worlds.as_ref().map_or_else(|| world_kind.clone(), |w| w.kind().to_owned());
@@ -345,7 +357,7 @@ impl Host {
                 })
                 .collect(),
         };
-        RunReport {
+        let report = RunReport {
             success: failure.is_none(),
             seed: self.options.seed,
             script: script.to_owned(),
@@ -353,10 +365,43 @@ impl Host {
             steps: std::mem::take(&mut self.steps),
             goals,
             failure,
-            recording: self.recording.clone(),
+            recording,
             seconds,
             wall_seconds: start.elapsed().as_secs_f64(),
             versions,
+        };
+        if let Some(journal) = &self.journal {
+            let message = report.failure.as_ref().map_or_else(|| "done".to_owned(), |f| f.message.clone());
+            let outcome = RunOutcome { success: report.success, message, report: serde_json::to_value(&report).unwrap_or_default() };
+            journal.close(&outcome).map_err(|e| RunError::Broken(format!("the recording: {e}")))?;
+        }
+        Ok(report)
+    }
+
+    /// What is run, for the recording.
+    fn record(&self, scene: &Scene, world: &str) -> RunRecord {
+        let models = [&scene.robot].into_iter().chain(scene.objects.iter().map(|o| &o.model));
+        let mut versions: Vec<Versioned> = Vec::new();
+        for name in models.map(|m| m.name.clone()) {
+            if !versions.iter().any(|v| v.name == name) {
+                let (version, sha256) = self.kit.models.version(&name).unwrap_or_default();
+                versions.push(Versioned { name, version, sha256 });
+            }
+        }
+        let skills = self.kit.skills.loaded.iter().map(|s| Versioned {
+            name: s.manifest.name.clone(),
+            version: s.manifest.version.clone(),
+            sha256: s.sha256().unwrap_or_default(),
+        });
+        RunRecord {
+            program: concat!("sagci ", env!("CARGO_PKG_VERSION")).to_owned(),
+            script: self.script.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            text: std::fs::read_to_string(&self.script).unwrap_or_default(),
+            seed: self.options.seed,
+            world: world.to_owned(),
+            period: PLAN_PERIOD,
+            models: versions,
+            skills: skills.collect(),
         }
     }
 }
@@ -416,6 +461,16 @@ impl Stage for Host {
             Err(Stop::Refused(_) | Stop::Broken(_)) => {}
         }
         self.kit.progress.event(self.options.seed, &Event::Ended { step: self.steps.len(), report: &report });
+        if let Some(journal) = &self.journal {
+            let (level, text) = match &report.message {
+                Some(message) => (Level::Error, format!("{call} failed: {message}")),
+                None => (Level::Info, format!("{call} done")),
+            };
+            journal.log(level, "host", &text);
+        }
+        if let Phase::Live(live) = &self.phase {
+            live.note_belief();
+        }
         let measured =
             report.measured.iter().map(|(name, f)| sagci_skill::Measure { name: name.clone(), value: f.value, unit: f.unit.clone() });
         let outcome = Outcome { seconds: report.seconds, measured: measured.collect() };
@@ -449,5 +504,8 @@ impl Stage for Host {
 
     fn say(&mut self, text: &str) {
         self.kit.progress.event(self.options.seed, &Event::Say { text });
+        if let Some(journal) = &self.journal {
+            journal.log(Level::Info, "script", text);
+        }
     }
 }

@@ -30,6 +30,14 @@ const LEAN: f64 = 0.26;
 /// Least tolerance of a joint's measured position, as a fraction of its range.
 const JOINT_TOLERANCE: f64 = 0.01;
 
+/// Which call of which skill is under way.
+pub(super) struct Calling<'a> {
+    pub step: usize,
+    pub skill: &'a str,
+    /// With its arguments, as a person would write it.
+    pub call: &'a str,
+}
+
 /// How a plan that was carried out ended.
 pub(super) struct Carried {
     pub failure: Option<Failure>,
@@ -83,7 +91,7 @@ impl Live {
     }
 
     /// Carries a plan out, one period at a time.
-    pub fn carry_out(&mut self, step: usize, call: &str, summary: &PlanSummary, execution: &mut dyn Execution) -> Result<Carried, Stop> {
+    pub fn carry_out(&mut self, calling: &Calling<'_>, summary: &PlanSummary, execution: &mut dyn Execution) -> Result<Carried, Stop> {
         let planned: f64 = summary.phases.iter().map(|p| p.seconds).sum();
         let start = self.observation.time;
         let deadline = start + SLOW * planned + GRACE;
@@ -101,6 +109,10 @@ impl Live {
                 phase = reply.phase;
                 next_event = now + EVENTS;
                 let name = summary.phases.get(phase).map_or("", |p| p.name.as_str());
+                let Calling { step, skill, call } = *calling;
+                if let Some(journal) = &self.journal {
+                    journal.phase(step, skill, name, reply.progress);
+                }
                 let event = Event::Phase { step, call, phase: name, progress: reply.progress.clamp(0.0, 1.0), time: now };
                 self.progress.event(self.seed, &event);
             }
