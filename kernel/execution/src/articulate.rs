@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Point3};
 use sagci_model::{JointKind, ObjectModel};
-use sagci_planning::{ArticulationPlan, ArticulationRequest, ObjectMotionOptions, plan_articulation};
+use sagci_planning::{ArmKinematics, ArticulationPlan, ArticulationRequest, JointTrajectory, ObjectMotionOptions, plan_articulation};
 use sagci_signal::GripperCommand;
 use sagci_skill::{BeliefChange, Failure, FailureCode, Measure, Plan, Postcondition};
 
@@ -24,6 +24,8 @@ const FORCE_LIMIT: f64 = 90.0;
 const PUSH_POINTS: usize = 21;
 /// Grasps that are tried when the first has no free way to it.
 const PLANS: usize = 3;
+/// Times that the handle may be taken.
+const MOST_HOLDS: usize = 3;
 
 /// What is to happen to a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +40,15 @@ pub struct Motion {
     pub between: [f64; 2],
 }
 
-/// Plans to move a joint by its handle.
+/// One hold of the handle: from taking it to letting it go.
+struct Hold {
+    plan: ArticulationPlan,
+    from: f64,
+    reach: JointTrajectory,
+}
+
+/// Plans to move a joint by its handle, with as few holds as it takes: where the arm cannot go the whole way with one grip,
+/// the hand lets go on the way and takes the handle anew from another side.
 ///
 /// # Errors
 /// A failure that names its stage; see [`plan_articulation`] and [`sagci_planning::free_motion`].
@@ -54,19 +64,10 @@ pub fn articulate(bench: &Bench, motion: &Motion) -> Result<Plan, Failure> {
         let message = format!("'{}' has no moving joint number {}", object.model.name, motion.joint);
         Failure { code: FailureCode::ModelLacks, stage: "joint".into(), message }
     })?;
-    // Slides run at hand speed; doors at a turn that keeps the handle there too.
-    let speed = if joint.kind == JointKind::Prismatic { 0.12 } else { 0.35 };
-    let request = ArticulationRequest {
-        motion: ObjectMotionOptions { speed, ..ObjectMotionOptions::default() },
-        plans: PLANS,
-        seed: bench.request.seed,
-        ..ArticulationRequest::new(motion.object, motion.joint, from, motion.to, &bench.request.q)
-    };
-    let plans = plan_articulation(&bench.scene, &bench.world, &request, bench.cancelled()).map_err(failure_of)?;
     let mut first_failure = None;
-    for plan in &plans {
-        match carry_out(bench, motion, &joint.name, joint.kind, from, plan) {
-            Ok(done) => return Ok(done),
+    for holds in 1..=MOST_HOLDS {
+        match plan_holds(bench, motion, joint.kind, from, &bench.request.q, holds) {
+            Ok((holds, back)) => return carry_out(bench, motion, &joint.name, joint.kind, &holds, back),
             Err(failure) if failure.code == FailureCode::Cancelled => return Err(failure),
             Err(failure) => first_failure = first_failure.or(Some(failure)),
         }
@@ -78,64 +79,125 @@ pub fn articulate(bench: &Bench, motion: &Motion) -> Result<Plan, Failure> {
     }))
 }
 
-fn carry_out(bench: &Bench, motion: &Motion, name: &str, kind: JointKind, from: f64, plan: &ArticulationPlan) -> Result<Plan, Failure> {
-    let object = &bench.scene.objects[motion.object];
-    let open = GripperCommand { width: plan.grasp.width, force: 20.0 };
-    let shut = GripperCommand { width: 0.0, force: GRIP };
-    let end = |path: &[Vec<f64>], last: bool| if last { path.last().cloned() } else { path.first().cloned() }.unwrap_or_default();
-    let rest = bench.rest()?;
-
-    let reach = bench.free(&bench.world, &bench.request.q, &end(&plan.approach, false), open.width, Pace::Free, "reach the handle")?;
-    let mut after = bench.world.clone();
-    after.set_joint(motion.object, motion.joint, motion.to);
-    let back = bench.free(&after, &end(&plan.retreat, true), &rest, open.width, Pace::Free, "return from the handle")?;
-
-    let approach = bench.timed(&plan.approach, Pace::Slow)?;
-    let path = bench.timed(&plan.path, Pace::Careful)?;
-    let path = match plan.object.duration() / path.duration().max(1e-3) {
-        slower if slower > 1.0 => path.slowed(slower),
-        _ => path,
+/// Plans the rest of a motion, from `from` with the arm at `q`, in the given number of holds; and the way to rest after it.
+fn plan_holds(
+    bench: &Bench,
+    motion: &Motion,
+    kind: JointKind,
+    from: f64,
+    q: &[f64],
+    holds: usize,
+) -> Result<(Vec<Hold>, JointTrajectory), Failure> {
+    let mut scene = bench.scene.clone();
+    let positions = &mut scene.objects[motion.object].q;
+    positions.resize(positions.len().max(motion.joint + 1), 0.0);
+    positions[motion.joint] = from;
+    let mut world = bench.world.clone();
+    world.set_joint(motion.object, motion.joint, from);
+    let to = from + (motion.to - from) / holds as f64;
+    // Slides run at hand speed; doors at a turn that keeps the handle there too.
+    let speed = if kind == JointKind::Prismatic { 0.12 } else { 0.35 };
+    let request = ArticulationRequest {
+        motion: ObjectMotionOptions { speed, ..ObjectMotionOptions::default() },
+        plans: PLANS,
+        seed: bench.request.seed,
+        ..ArticulationRequest::new(motion.object, motion.joint, from, to, q)
     };
-    let retreat = bench.timed(&plan.retreat, Pace::Slow)?;
+    let plans = plan_articulation(&scene, &world, &request, bench.cancelled()).map_err(failure_of)?;
+    let end = |path: &[Vec<f64>], last: bool| if last { path.last().cloned() } else { path.first().cloned() }.unwrap_or_default();
+    let mut first_failure = None;
+    for plan in plans {
+        let width = plan.grasp.width;
+        let whole = || -> Result<_, Failure> {
+            let reach = bench.free(&world, q, &end(&plan.approach, false), width, Pace::Free, "reach the handle")?;
+            let leave = end(&plan.retreat, true);
+            if holds > 1 {
+                let (rest, back) = plan_holds(bench, motion, kind, to, &leave, holds - 1)?;
+                return Ok((reach, rest, back));
+            }
+            let mut after = world.clone();
+            after.set_joint(motion.object, motion.joint, to);
+            let back = bench.free(&after, &leave, &bench.rest()?, width, Pace::Free, "return from the handle")?;
+            Ok((reach, Vec::new(), back))
+        };
+        match whole() {
+            Ok((reach, rest, back)) => {
+                let mut all = vec![Hold { plan, from, reach }];
+                all.extend(rest);
+                return Ok((all, back));
+            }
+            Err(failure) if failure.code == FailureCode::Cancelled => return Err(failure),
+            Err(failure) => first_failure = first_failure.or(Some(failure)),
+        }
+    }
+    Err(first_failure.unwrap_or_else(|| Failure {
+        code: FailureCode::Unreachable,
+        stage: "grasp".into(),
+        message: "no grasp was found".into(),
+    }))
+}
+
+fn carry_out(
+    bench: &Bench,
+    motion: &Motion,
+    name: &str,
+    kind: JointKind,
+    holds: &[Hold],
+    back: JointTrajectory,
+) -> Result<Plan, Failure> {
+    let object = &bench.scene.objects[motion.object];
     let arm = bench.world.arm();
-
-    // u* as a force along the hand's path: power is the same, F ds = u dq.
-    let position = |share: f64| joint_at(plan, share);
-    let push: Vec<f64> = (0..PUSH_POINTS)
-        .map(|i| {
-            let share = i as f64 / (PUSH_POINTS - 1) as f64;
-            let (a, b) = ((share - 0.02).max(0.0), (share + 0.02).min(1.0));
-            let way = (arm.X_WT(&path.at_progress(b)).translation.vector - arm.X_WT(&path.at_progress(a)).translation.vector).norm();
-            let lever = way / (position(b) - position(a)).abs().max(1e-6);
-            plan.object.effort_at(position(share)).abs().min(0.5 * FORCE_LIMIT * lever) / lever.max(1e-3)
-        })
-        .collect();
-
-    let hold = plan.grasp.hold_width;
-    let least = 0.5 * hold;
-    let guard = if motion.to < from { Guard::Stop { share: 0.8, limit: FORCE_LIMIT } } else { Guard::Overload { limit: FORCE_LIMIT } };
-    let law = Law::Tool { along: ALONG, across: ACROSS, turning: TURNING, anchored: true, push };
+    let rest = bench.rest()?;
     let feel = Guard::Overload { limit: 40.0 };
-    let expected = [0.6 * hold, (1.4 * hold).min(0.5 * (hold + plan.grasp.width)).max(hold + 0.002)];
+    let first = GripperCommand { width: holds.first().map_or(0.0, |h| h.plan.grasp.width), force: 20.0 };
+    let mut sequence = bench.sequence(first)?;
+    let mut grips = Vec::new();
+    let mut strongest: f64 = 0.0;
+    for (number, hold) in holds.iter().enumerate() {
+        let plan = &hold.plan;
+        let open = GripperCommand { width: plan.grasp.width, force: 20.0 };
+        let shut = GripperCommand { width: 0.0, force: GRIP };
+        let path = bench.timed(&plan.path, Pace::Careful)?;
+        let path = match plan.object.duration() / path.duration().max(1e-3) {
+            slower if slower > 1.0 => path.slowed(slower),
+            _ => path,
+        };
+        let push = push_along(hold, &path, arm);
+        strongest = push.iter().fold(strongest, |m, f| m.max(*f));
+        let last = number + 1 == holds.len();
+        let guard = if last && motion.to < hold.from {
+            Guard::Stop { share: 0.8, limit: FORCE_LIMIT }
+        } else {
+            Guard::Overload { limit: FORCE_LIMIT }
+        };
+        let law = Law::Tool { along: ALONG, across: ACROSS, turning: TURNING, anchored: true, push };
+        let width = plan.grasp.hold_width;
+        let expected = [0.6 * width, (1.4 * width).min(0.5 * (width + plan.grasp.width)).max(width + 0.002)];
+        let letting_go = Fingers { gripper: open, expected: [open.width - 0.01, open.width + 0.01], yielding: false, timeout: 1.5 };
+        let gripping = Fingers { gripper: shut, expected, yielding: true, timeout: 2.0 };
+        let moving = Follow { trajectory: path, law, gripper: shut, guard, least_width: 0.5 * width };
 
-    let mut sequence = bench.sequence(open)?;
-    sequence.phase("reach the handle", [through_air(reach, open, 0.0)]);
-    sequence.phase("approach the handle", [with_feeling(approach, open, false, feel, 0.0)]);
-    sequence.phase("grip the handle", [Segment::Fingers(Fingers { gripper: shut, expected, yielding: true, timeout: 2.0 })]);
-    let gripped = 2;
-    sequence.phase("move the handle", [Segment::Follow(Follow { trajectory: path, law, gripper: shut, guard, least_width: least })]);
-    let moved = 3;
-    let letting_go = Fingers { gripper: open, expected: [open.width - 0.01, open.width + 0.01], yielding: false, timeout: 1.5 };
-    sequence.phase("let the handle go", [Segment::Fingers(letting_go)]);
-    sequence.phase("leave the handle", [with_feeling(retreat, open, true, feel, 0.0)]);
-    sequence.phase("return", [through_air(back, open, 0.0)]);
+        let again = if number == 0 { "" } else { " again" };
+        sequence.phase(&format!("reach the handle{again}"), [through_air(hold.reach.clone(), open, 0.0)]);
+        let approach = bench.timed(&plan.approach, Pace::Slow)?;
+        sequence.phase(&format!("approach the handle{again}"), [with_feeling(approach, open, false, feel, 0.0)]);
+        grips.push(sequence.phases().len());
+        sequence.phase(&format!("grip the handle{again}"), [Segment::Fingers(gripping)]);
+        sequence.phase(&format!("move the handle{again}"), [Segment::Follow(moving)]);
+        sequence.phase("let the handle go", [Segment::Fingers(letting_go)]);
+        let retreat = bench.timed(&plan.retreat, Pace::Slow)?;
+        sequence.phase("leave the handle", [with_feeling(retreat, open, true, feel, 0.0)]);
+        if last {
+            sequence.phase("return", [through_air(back.clone(), open, 0.0)]);
+        }
+    }
 
     let unit = if kind == JointKind::Prismatic { "m" } else { "rad" };
     let mut summary = bench.summary(&sequence, &rest);
     let reached = motion.to.clamp(motion.between[0], motion.between[1]);
     summary.predicted = vec![
         Measure { name: name.into(), value: reached, unit: unit.into() },
-        Measure { name: "peak force".into(), value: peak(&plan.object.u, hold_lever(plan, arm)), unit: "N".into() },
+        Measure { name: "peak force".into(), value: strongest, unit: "N".into() },
     ];
     summary.after = vec![BeliefChange::Joint { object: object.name.clone(), joint: name.into(), position: reached }];
     summary.postconditions = vec![Postcondition::JointBetween {
@@ -151,15 +213,39 @@ fn carry_out(bench: &Bench, motion: &Motion, name: &str, kind: JointKind, from: 
     q.resize(model.moving_joints().count(), 0.0);
     sequence.report(Box::new(move |endings| {
         let at = |phase: usize| endings.iter().rfind(|e| e.phase == phase);
-        let (Some(grip), Some(end)) = (at(gripped), at(moved)) else { return (Vec::new(), Vec::new()) };
-        let position = joint_from_hand(&model, &X_WO, &q, slot, &grip.X_WT, &end.X_WT);
+        let mut q = q.clone();
+        let mut peak_force: f64 = 0.0;
+        let mut moved = false;
+        for grip in &grips {
+            let (Some(start), Some(end)) = (at(*grip), at(grip + 1)) else { break };
+            q[slot] = joint_from_hand(&model, &X_WO, &q, slot, &start.X_WT, &end.X_WT);
+            peak_force = peak_force.max(end.peak_force);
+            moved = true;
+        }
+        if !moved {
+            return (Vec::new(), Vec::new());
+        }
         let measured = vec![
-            Measure { name: joint_name.clone(), value: position, unit: unit.into() },
-            Measure { name: "peak force".into(), value: end.peak_force, unit: "N".into() },
+            Measure { name: joint_name.clone(), value: q[slot], unit: unit.into() },
+            Measure { name: "peak force".into(), value: peak_force, unit: "N".into() },
         ];
-        (measured, vec![BeliefChange::Joint { object: object_name.clone(), joint: joint_name.clone(), position }])
+        (measured, vec![BeliefChange::Joint { object: object_name.clone(), joint: joint_name.clone(), position: q[slot] }])
     }));
     Ok(Plan { summary, execution: Box::new(sequence) })
+}
+
+/// u* as a force along the hand's path, evenly spaced over it: power is the same, F ds = u dq.
+fn push_along(hold: &Hold, path: &JointTrajectory, arm: &ArmKinematics) -> Vec<f64> {
+    let position = |share: f64| joint_at(&hold.plan, share);
+    let place = |share: f64| arm.X_WT(&path.at_progress(share)).translation.vector;
+    (0..PUSH_POINTS)
+        .map(|i| {
+            let share = i as f64 / (PUSH_POINTS - 1) as f64;
+            let (a, b) = ((share - 0.02).max(0.0), (share + 0.02).min(1.0));
+            let lever = (place(b) - place(a)).norm() / (position(b) - position(a)).abs().max(1e-6);
+            (hold.plan.object.effort_at(position(share)).abs() / lever.max(1e-3)).min(0.5 * FORCE_LIMIT)
+        })
+        .collect()
 }
 
 /// Position of the joint at a share of the arm's path.
@@ -168,20 +254,6 @@ fn joint_at(plan: &ArticulationPlan, share: f64) -> f64 {
     let x = share.clamp(0.0, 1.0) * last as f64;
     let i = x.floor() as usize;
     plan.joint[i] + x.fract() * (plan.joint[(i + 1).min(last)] - plan.joint[i])
-}
-
-/// Way of the hand for a unit of the joint's motion, m/rad or 1.
-fn hold_lever(plan: &ArticulationPlan, arm: &sagci_planning::ArmKinematics) -> f64 {
-    let way: f64 = plan.path.windows(2).map(|w| (arm.X_WT(&w[1]).translation.vector - arm.X_WT(&w[0]).translation.vector).norm()).sum();
-    let turn = match (plan.joint.first(), plan.joint.last()) {
-        (Some(a), Some(b)) => (b - a).abs(),
-        _ => 0.0,
-    };
-    way / turn.max(1e-6)
-}
-
-fn peak(u: &[f64], lever: f64) -> f64 {
-    u.iter().fold(0.0, |m: f64, u| m.max(u.abs())) / lever.max(1e-3)
 }
 
 /// Position of a joint from the hand that holds its link: the point that was held when the joint was at `q` now lies at

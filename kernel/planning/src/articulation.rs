@@ -206,6 +206,8 @@ pub fn plan_articulation(
     }
     candidates.sort_by(|a, b| b.quality.total_cmp(&a.quality));
     candidates.truncate(request.grasps);
+    let mut candidates: Vec<Grasp> = candidates.iter().flat_map(|g| rolling_windows(g, robot.gripper.pad_half_extents[1])).collect();
+    candidates.sort_by(|a, b| b.quality.total_cmp(&a.quality));
 
     // Steps of at most 3 degrees or 1.5 cm.
     let step = if joint.kind == JointKind::Prismatic { 0.015 } else { 0.05 };
@@ -251,6 +253,27 @@ pub fn plan_articulation(
         }
     }
     Ok(plans)
+}
+
+/// Share of a pad's half length that may be rolled off on either side of its middle.
+const ROLLED: f64 = 0.6;
+
+/// A hand that turns about a bar while it holds it rolls its pads off the bar: by the angle times the bar's radius. So the
+/// grip's freedom is cut into overlapping windows in which the bar stays on the pads, each a grasp of its own.
+fn rolling_windows(grasp: &Grasp, pad_half_length: f64) -> Vec<Grasp> {
+    let [low, high] = grasp.range;
+    let roll = ROLLED * pad_half_length / (0.5 * grasp.hold_width).max(1e-4);
+    if high - low <= 2.0 * roll {
+        return vec![grasp.clone()];
+    }
+    let count = ((high - low - 2.0 * roll) / roll).ceil().max(1.0) as usize;
+    (0..=count)
+        .map(|k| {
+            let middle = low + roll + (high - low - 2.0 * roll) * k as f64 / count as f64;
+            let quality = grasp.quality - 0.1 * middle.abs();
+            Grasp { range: [middle - roll, middle + roll], quality, ..grasp.clone() }
+        })
+        .collect()
 }
 
 fn keep_furthest(furthest: &mut Option<(usize, PlanError)>, e: PlanError) {
