@@ -23,6 +23,8 @@ const REST_SPEED: f64 = 0.005;
 const ANCHOR: f64 = 0.04;
 /// Corner frequency of the force signal, Hz: a guard must not fire on a spike of one period.
 const WRENCH_CUTOFF: f64 = 20.0;
+/// Time over which an offset at the start of a joint trajectory is taken back, s.
+const BLEND_SECONDS: f64 = 1.0;
 /// Greatest natural frequency of a joint under the stiff law, rad/s: velocities come filtered at about 100 Hz.
 const FREQUENCY: f64 = 80.0;
 /// Configurations of a trajectory at which inertia is looked at.
@@ -47,6 +49,8 @@ pub(crate) struct Following {
     settling: f64,
     anchor: Vector3<f64>,
     direction: Vector3<f64>,
+    /// Where the arm stood off the trajectory's start: this is taken back over [`BLEND_SECONDS`], not at once.
+    offset: Vec<f64>,
     jacobian: Vec<Vector6<f64>>,
 }
 
@@ -81,6 +85,7 @@ impl Following {
             settling: 0.0,
             anchor,
             direction,
+            offset: arm.model.q().iter().zip(&start).map(|(q, s)| q - s).collect(),
             jacobian: Vec::new(),
             follow,
         })
@@ -106,7 +111,14 @@ impl Following {
         command: &mut Command,
     ) -> Result<Outcome, ControlError> {
         let trajectory = &self.follow.trajectory;
-        let reference = trajectory.sample(self.clock);
+        let mut reference = trajectory.sample(self.clock);
+        if matches!(self.follow.law, Law::Joints) {
+            let (x, dx) = fade(self.clock / BLEND_SECONDS);
+            for (i, offset) in self.offset.iter().enumerate() {
+                reference.q[i] += offset * x;
+                reference.v[i] += offset * dx / BLEND_SECONDS;
+            }
+        }
         let X_WD = Translation3::from(self.anchor) * arm.kinematics.jacobian(&reference.q, &mut self.jacobian);
         let behind = (X_WD.translation.vector - arm.model.X_WT().translation.vector).norm();
         // A soft law stays behind across the path without being late.
@@ -211,6 +223,12 @@ fn first_direction(trajectory: &JointTrajectory, kinematics: &ArmKinematics) -> 
     let at = |s: f64| -> Isometry3<f64> { kinematics.X_WT(&trajectory.at_progress(s)) };
     let from = at(0.0).translation.vector;
     [0.01, 0.1, 1.0].iter().map(|s| at(*s).translation.vector - from).find(|d| d.norm() > 1e-5).map_or(Vector3::z(), |d| d.normalize())
+}
+
+/// From one to zero over 0..1 with no slope at either end, and its slope.
+fn fade(x: f64) -> (f64, f64) {
+    let x = x.clamp(0.0, 1.0);
+    (1.0 - x * x * (3.0 - 2.0 * x), 6.0 * x * (x - 1.0))
 }
 
 /// Linear interpolation in evenly spaced values.
