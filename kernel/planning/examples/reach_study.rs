@@ -16,14 +16,14 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sagci_model::ObjectModel;
 use sagci_planning::{
-    ArticulationRequest, CollisionWorld, Destination, FreeMotionOptions, PathOptions, PlanError, Scene, SceneObject, TransferOptions, free_motion,
-    plan_articulation, plan_pick,
+    ArticulationRequest, CollisionWorld, Destination, FreeMotionOptions, PathOptions, PlanError, Scene, SceneObject, TransferOptions,
+    free_motion, plan_articulation, plan_pick,
 };
 
 fn model(name: &str) -> Arc<ObjectModel> {
-    let library = std::env::var("SAGCI_MODELS").map(PathBuf::from).unwrap_or_else(|_| {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models")
-    });
+    let library = std::env::var("SAGCI_MODELS")
+        .map(PathBuf::from)
+        .unwrap_or_else(|_| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models"));
     let folder = library.join(name);
     let version = std::fs::read_to_string(folder.join("HEAD")).expect("the library has this object");
     Arc::new(ObjectModel::read(folder.join(version.trim())).expect("its model is sound"))
@@ -96,7 +96,8 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
     let standoff = layout.get("standoff", 0.1);
     let grasps = layout.get("grasps", 18.0) as usize;
     let world = CollisionWorld::new(&scene).unwrap();
-    let request = ArticulationRequest { seed, search: search.clone(), standoff, grasps, ..ArticulationRequest::new(0, 0, 0.0, open, &ready) };
+    let request =
+        ArticulationRequest { seed, search: search.clone(), standoff, grasps, ..ArticulationRequest::new(0, 0, 0.0, open, &ready) };
     let mut at = ready.clone();
     match plan_articulation(&scene, &world, &request, &|| false) {
         Ok(plans) => {
@@ -130,23 +131,23 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
     if layout.get("transfer", 1.0) == 0.0 {
         // Only the door.
     } else {
-    match plan_pick(&scene, &world, 1, &at, Some(&destination), &options, &|| false) {
-        Ok(plans) => {
-            let plan = &plans[0];
-            let lean = plan.freedom.to_degrees();
-            push(&mut stages, "transfer", Ok(format!("{} lean {lean:.0} score {:.1}", plan.grasp.name, plan.score)));
-            let r = reach(&world, &at, &plan.approach[0], plan.grasp.width, seed);
-            push(&mut stages, "transfer: reach", r);
-            let place = plan.place.as_ref().unwrap();
-            let mut holding = world.clone();
-            holding.attach(1, &plan.X_TO);
-            let r = reach(&holding, plan.lift.last().unwrap(), &place.insert[0], plan.grasp.hold_width, seed);
-            push(&mut stages, "transfer: carry", r);
-            scene.objects[1].X_WO = place.X_WO;
-            at = place.retreat.last().unwrap().clone();
+        match plan_pick(&scene, &world, 1, &at, Some(&destination), &options, &|| false) {
+            Ok(plans) => {
+                let plan = &plans[0];
+                let lean = plan.freedom.to_degrees();
+                push(&mut stages, "transfer", Ok(format!("{} lean {lean:.0} score {:.1}", plan.grasp.name, plan.score)));
+                let r = reach(&world, &at, &plan.approach[0], plan.grasp.width, seed);
+                push(&mut stages, "transfer: reach", r);
+                let place = plan.place.as_ref().unwrap();
+                let mut holding = world.clone();
+                holding.attach(1, &plan.X_TO);
+                let r = reach(&holding, plan.lift.last().unwrap(), &place.insert[0], plan.grasp.hold_width, seed);
+                push(&mut stages, "transfer: carry", r);
+                scene.objects[1].X_WO = place.X_WO;
+                at = place.retreat.last().unwrap().clone();
+            }
+            Err(e) => push(&mut stages, "transfer", Err(e)),
         }
-        Err(e) => push(&mut stages, "transfer", Err(e)),
-    }
     }
     let world = CollisionWorld::new(&scene).unwrap();
     let request = ArticulationRequest { seed, search, standoff, grasps, ..ArticulationRequest::new(0, 0, open, 0.0, &at) };

@@ -242,7 +242,7 @@ impl CollisionWorld {
             table_held_touch: false,
             table_close: 0,
             padding: 0.01,
-            close_padding: 0.002,
+            close_padding: 0.004,
             self_padding: 0.005,
         };
         for (object, o) in scene.objects.iter().enumerate() {
@@ -424,8 +424,8 @@ impl CollisionWorld {
         self.check(q, width).is_none()
     }
 
-    /// The least distance of the robot and what it holds from other things, at most `limit`, m; pairs that may touch do
-    /// not count. 0 if something overlaps.
+    /// The least distance of the robot and what it holds from other things, at most `limit` (more than 0), m; the arm's
+    /// distance to itself and pairs that may touch do not count. 0 if something overlaps.
     pub fn clearance(&self, q: &[f64], width: f64, limit: f64) -> f64 {
         let mut least = limit;
         let mut scratch = Vec::new();
@@ -541,6 +541,10 @@ impl CollisionWorld {
                 }
             }
         }
+        // The arm is never far from itself: only the check asks.
+        if reach > 0.0 {
+            return;
+        }
         for &(a, b) in &self.pairs {
             let (la, lb) = (&self.robot[a], &self.robot[b]);
             let near = la.radius + lb.radius + self.self_padding.max(reach);
@@ -589,8 +593,9 @@ impl CollisionWorld {
                 *hits += usize::from(hit);
             }
         }
-// Two joints apart, the joints' own limits keep real links from one another; often overlapping shapes are rough.
-        let limit = |a: usize, b: usize| if self.robot[a].frame.abs_diff(self.robot[b].frame) == 2 { SAMPLES / 10 } else { SAMPLES * 9 / 10 };
+        // Two joints apart, the joints' own limits keep real links from one another; often overlapping shapes are rough.
+        let limit =
+            |a: usize, b: usize| if self.robot[a].frame.abs_diff(self.robot[b].frame) == 2 { SAMPLES / 10 } else { SAMPLES * 9 / 10 };
         self.pairs = pairs.into_iter().filter(|(a, b, hits)| *hits < limit(*a, *b)).map(|(a, b, _)| (a, b)).collect();
     }
 }

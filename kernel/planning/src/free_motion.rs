@@ -110,7 +110,8 @@ impl Checker<'_> {
 
 fn interpolate(a: &[f64], b: &[f64], f: f64, out: &mut [f64]) {
     for ((o, a), b) in out.iter_mut().zip(a).zip(b) {
-        *o = a + f * (b - a);
+        // The end is met to the last bit.
+        *o = if f == 1.0 { *b } else { a + f * (b - a) };
     }
 }
 

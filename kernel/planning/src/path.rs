@@ -123,8 +123,14 @@ pub fn arm_path(
     let mut random = Pcg64::seed_from_u64(options.seed);
     let anchors = options.anchors.clamp(1, count);
     let anchor_at: Vec<usize> = (0..anchors).map(|a| if anchors == 1 { 0 } else { a * (count - 1) / (anchors - 1) }).collect();
-    let inverse =
-        InverseOptions { starts: 0, solutions: options.starts, margin: options.margin, tolerance: 1e-7, steps: 60, ..InverseOptions::default() };
+    let inverse = InverseOptions {
+        starts: 0,
+        solutions: options.starts,
+        margin: options.margin,
+        tolerance: 1e-7,
+        steps: 60,
+        ..InverseOptions::default()
+    };
 
     // Fresh solutions at the anchors; a goal that has none at all ends the search before anything is followed.
     let mut fresh: Vec<Vec<Vec<f64>>> = vec![Vec::new(); count];

@@ -115,6 +115,31 @@ impl JointTrajectory {
         JointSample { q, v, a }
     }
 
+    /// States on both ends of every piece, where the acceleration steps, at the spline's knots, where it peaks, and between.
+    fn fine_samples(&self) -> Vec<JointSample> {
+        const FRACTIONS: usize = 8;
+        let Some(spline) = &self.spline else { return Vec::new() };
+        let n = spline.dof();
+        let mut out = Vec::new();
+        for k in 1..self.s.len() {
+            let (from, to) = (self.s[k - 1], self.s[k]);
+            let (b0, b1) = (self.speed[k - 1].powi(2), self.speed[k].powi(2));
+            let sdd = 0.5 * (b1 - b0) / (to - from);
+            let inside = spline.knots().iter().copied().filter(|s| *s > from && *s < to);
+            for s in (0..=FRACTIONS).map(|i| from + (to - from) * i as f64 / FRACTIONS as f64).chain(inside) {
+                let sd2 = b0 + (b1 - b0) * (s - from) / (to - from);
+                let (mut q, mut v, mut a) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+                spline.at(s, &mut q, &mut v, &mut a);
+                for j in 0..n {
+                    a[j] = v[j] * sdd + a[j] * sd2;
+                    v[j] *= sd2.max(0.0).sqrt();
+                }
+                out.push(JointSample { q, v, a });
+            }
+        }
+        out
+    }
+
     /// Configuration at a share of the path, 0..1, whatever the time.
     pub fn at_progress(&self, s: f64) -> Vec<f64> {
         match &self.spline {
@@ -358,18 +383,27 @@ fn time_scale(s: &[f64], grid: &Grid) -> f64 {
 fn keep_limits(trajectory: JointTrajectory, limits: &MotionLimits) -> JointTrajectory {
     let mut trajectory = trajectory;
     for _ in 0..3 {
-        let samples = 8 * trajectory.s.len();
         let mut factor = 1.0_f64;
-        for k in 0..=samples {
-            let x = trajectory.sample(trajectory.duration() * k as f64 / samples as f64);
+        for x in trajectory.fine_samples() {
             for j in 0..x.q.len() {
                 factor = factor.max(x.v[j].abs() / limits.velocity[j]).max((x.a[j].abs() / limits.acceleration[j]).sqrt());
+            }
+            if let Some((effort, dynamics)) = &limits.effort {
+                let zero = vec![0.0; x.q.len()];
+                let (tau, rest) = (dynamics(&x.q, &x.v, &x.a), dynamics(&x.q, &zero, &zero));
+                for j in 0..effort.len().min(tau.len()) {
+                    // What motion adds to the weight falls with the square of the slow-down.
+                    let room = if tau[j] > rest[j] { effort[j] - rest[j] } else { effort[j] + rest[j] };
+                    if room > 0.0 {
+                        factor = factor.max(((tau[j] - rest[j]).abs() / room).sqrt());
+                    }
+                }
             }
         }
         if factor <= 1.0 {
             break;
         }
-        trajectory = trajectory.slowed(factor * (1.0 + 1e-9));
+        trajectory = trajectory.slowed(factor * (1.0 + 1e-6));
     }
     trajectory
 }

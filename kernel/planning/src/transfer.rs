@@ -147,10 +147,12 @@ pub fn plan_pick(
     cancelled: &dyn Fn() -> bool,
 ) -> Result<Vec<PickPlan>, PlanError> {
     let o = scene.objects.get(object).ok_or_else(|| PlanError::BadInput { message: "no such object in the scene".into() })?;
-    let robot = scene.robot.document.robot.as_ref().ok_or_else(|| PlanError::ModelLacks {
-        model: scene.robot.name.clone(),
-        message: "has no `robot` section".into(),
-    })?;
+    let robot = scene
+        .robot
+        .document
+        .robot
+        .as_ref()
+        .ok_or_else(|| PlanError::ModelLacks { model: scene.robot.name.clone(), message: "has no `robot` section".into() })?;
     let arm = world.arm();
     let all = grasps(&o.model, None, &robot.gripper, &GraspOptions::default())?;
     let mut held = fixed_grasps(&o.model, &o.q, &all, options);
@@ -161,7 +163,15 @@ pub fn plan_pick(
 
     // Cheap: reach and collisions at the grasp and before it.
     let mut reachable: Vec<(Held, Vec<Vec<f64>>)> = Vec::new();
-    let quick = InverseOptions { starts: 6, solutions: 3, margin: 0.05, tolerance: 1e-6, steps: 50, seed: options.seed, ..InverseOptions::default() };
+    let quick = InverseOptions {
+        starts: 6,
+        solutions: 3,
+        margin: 0.05,
+        tolerance: 1e-6,
+        steps: 50,
+        seed: options.seed,
+        ..InverseOptions::default()
+    };
     // A hand that comes from below or far round the back is not worth a search.
     held.retain(|h| (o.X_WO * h.X_TO.inverse()).rotation.transform_vector(&Vector3::z()).z < 0.3);
     for h in held {
@@ -308,7 +318,9 @@ impl Failures {
         match self.worst {
             None => PlanError::Unreachable { stage: stage.into(), message: "no grasp comes from a side that the arm can come from".into() },
             Some((_, mut e)) => {
-                if let PlanError::Unreachable { message, .. } | PlanError::Collision { message, .. } | PlanError::TooWeak { message, .. } = &mut e {
+                if let PlanError::Unreachable { message, .. } | PlanError::Collision { message, .. } | PlanError::TooWeak { message, .. } =
+                    &mut e
+                {
                     message.push_str(&format!(" ({} candidates failed; this one came furthest)", self.count));
                 }
                 e
@@ -397,7 +409,8 @@ fn floor_of(scene: &Scene, destination: &Destination) -> Result<Floor, PlanError
             let o = scene.objects.get(*object).ok_or_else(|| PlanError::BadInput { message: "no such object in the scene".into() })?;
             let lacks = |message: String| PlanError::ModelLacks { model: o.model.name.clone(), message };
             let r: &Region = o.model.document.regions.get(*region).ok_or_else(|| lacks(format!("has no region number {region}")))?;
-            let link = o.model.link(&r.link).ok_or_else(|| lacks(format!("region '{}' is on link '{}', which is not there", r.name, r.link)))?;
+            let link =
+                o.model.link(&r.link).ok_or_else(|| lacks(format!("region '{}' is on link '{}', which is not there", r.name, r.link)))?;
             let X_WL = o.X_WO * o.model.X_OL(&o.q)[link];
             let opening = X_WL.rotation * Vector3::from(r.opening);
             Ok(Floor {
@@ -494,7 +507,9 @@ fn place_poses(
                 let X = Isometry3::from_parts(p_W.coords.into(), R);
                 // Toward a side opening there is more room for the arm; across it, and below one above, in the middle.
                 let o = floor.X_WB.rotation.inverse() * sideways;
-                let inward = (0.5 - (fx - 0.5) * o.x.signum() * f64::from(o.x.abs() > 0.5) - (fy - 0.5) * o.y.signum() * f64::from(o.y.abs() > 0.5)).max(0.0);
+                let inward =
+                    (0.5 - (fx - 0.5) * o.x.signum() * f64::from(o.x.abs() > 0.5) - (fy - 0.5) * o.y.signum() * f64::from(o.y.abs() > 0.5))
+                        .max(0.0);
                 let across = f64::abs(fx - 0.5) * (1.0 - o.x.abs()) + f64::abs(fy - 0.5) * (1.0 - o.y.abs());
                 let cost = if side_opening { 1.5 * inward + across } else { across };
                 poses.push((0.5 * yaw_cost + cost + 0.2 * random.random::<f64>(), X));
@@ -536,8 +551,15 @@ fn place_held(
 
     let mut near = world.clone();
     near.allow_close_to_all(near.hand());
-    let quick =
-        InverseOptions { starts: 5, solutions: 3, margin: 0.05, tolerance: 1e-6, steps: 50, seed: options.seed, ..InverseOptions::default() };
+    let quick = InverseOptions {
+        starts: 5,
+        solutions: 3,
+        margin: 0.05,
+        tolerance: 1e-6,
+        steps: 50,
+        seed: options.seed,
+        ..InverseOptions::default()
+    };
     let mut failures = Failures::default();
     let mut plans: Vec<PlacePlan> = Vec::new();
     let mut spent = 0;
