@@ -1,9 +1,7 @@
-"""Meta-World's drawer (MJCF) to URDF, made 1.8 times as large in every direction.
+"""Meta-World's drawer (MJCF) to URDF, at the source's own size.
 
-At the source's size a Panda's hand, 0.204 m long and held upright around the horizontal bar, would reach under the
-table's top, and could not go into the drawer to lift a ring by its wall. At 1.8 the bar is 0.162 m above the table and
-the drawer is 0.302 m by 0.266 m inside: a ring of 0.1 m can be lifted wherever it stands.
-Masses grow with the volume, as for a solid of the same material.
+Inside it is 0.168 m by 0.148 m, and 0.104 m deep. A Panda's hand, 0.204 m long, does not go in there: it takes what stands
+up to near the drawer's edge. The bar lies 0.09 m above the table, so that the hand comes to it from above, at a slant.
 """
 
 import os
@@ -11,7 +9,7 @@ import os
 from common import *
 
 BEIGE, WHITE = (0.76, 0.68, 0.55, 1), (0.75, 0.75, 0.75, 1)
-SCALE = 1.8
+SCALE = 1.0
 CASE_Z = 0.084  # the case's frame above the ground
 DRAWER = (0, -0.01, 0.006)  # the drawer's frame in the case's
 SLIDE = 0.16
@@ -69,7 +67,7 @@ def convert(assets, staged):
         ),
     ]
     with open(os.path.join(staged, "object.urdf"), "w") as f:
-        f.write(robot_element("drawer", parts, "Made by world-models/convert from Meta-World's drawer (MIT), 1.8 times as large"))
+        f.write(robot_element("drawer", parts, "Made by world-models/convert from Meta-World's drawer (MIT)"))
     with open(os.path.join(staged, "model.yaml"), "w") as f:
         f.write(DOCUMENT)
 
@@ -77,7 +75,7 @@ def convert(assets, staged):
 DOCUMENT = """\
 schema: 1
 name: drawer
-description: A bedside cabinet with one drawer that has a level bar handle.
+description: A small cabinet with one drawer that has a level bar handle.
 category: drawer
 movable: false
 grasps:
@@ -85,19 +83,19 @@ grasps:
   - kind: bar
     name: handle
     link: drawer
-    from: [-0.06, -0.27, 0]
-    to: [0.06, -0.27, 0]
-    radius: 0.0162
+    from: [-0.033, -0.15, 0]
+    to: [0.033, -0.15, 0]
+    radius: 0.009
     outward: [0, -1, 0]
-    swing: 0.6
-    # From the bar's centre line to the drawer's front, which lies at y = -0.162.
-    depth: 0.108
+    swing: 1.0
+    # From the bar's centre line to the drawer's front, which lies at y = -0.09.
+    depth: 0.06
 regions:
   # Between the inner faces of the drawer's collision boxes, up to their upper edge.
   - name: drawer
     link: drawer
-    center: [0, 0, 0.0144]
-    size: [0.3024, 0.2664, 0.1872]
+    center: [0, 0, 0.008]
+    size: [0.168, 0.148, 0.104]
     opening: [0, 0, 1]
 surface_friction: 0.7
 provenance:
@@ -107,8 +105,7 @@ provenance:
     - source: "PyPI metaworld, metaworld/assets/objects/assets/drawer.xml"
       version: 3.1.1
   changes:
-    - "MJCF written as URDF, made 1.8 times as large in every direction, so that a Panda's hand has room around the handle and in the drawer"
-    - "Masses are 1.8^3 times the source's: a solid of the same material"
+    - "MJCF written as URDF"
     - "The slide's axis is reversed, so that the drawer opens in the positive direction"
     - "Damping is the source's 2 N s/m; dry friction of 3 N is our own estimate, in the range of 2 to 10 N that wooden drawers have"
     - "The handle is turned by 90 degrees; the source rounds to 1.57 rad"

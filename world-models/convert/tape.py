@@ -1,4 +1,4 @@
-"""A roll of tape, our own solid: a ring of 100 mm outside and 76 mm inside, 48 mm wide, 0.25 kg.
+"""A roll of tape, our own solid: a ring of 80 mm outside and 56 mm inside, 85 mm wide, 0.2 kg: a broad roll.
 
 Physics sees sixteen boxes around the ring. A box's inner face touches the inner circle at its middle and its outer
 face runs through the outer circle at its corners, so that no box sticks out of the ring.
@@ -8,7 +8,7 @@ import os
 
 from common import *
 
-OUTER, INNER, WIDTH, MASS, BOXES = 0.050, 0.038, 0.048, 0.25, 16
+OUTER, INNER, WIDTH, MASS, BOXES = 0.040, 0.028, 0.085, 0.2, 16
 BROWN = (0.72, 0.55, 0.32, 1)
 
 
@@ -64,18 +64,18 @@ def convert(assets, staged):
 DOCUMENT = """\
 schema: 1
 name: tape
-description: A roll of adhesive tape, 100 mm outside, 76 mm inside and 48 mm wide, lying flat.
+description: A broad roll of tape, 80 mm outside, 56 mm inside and 85 mm wide, lying flat.
 category: tape
 movable: true
 grasps:
   - kind: rim
     name: wall
     link: tape
-    center: [0, 0, 0.048]
+    center: [0, 0, 0.085]
     axis: [0, 0, 1]
-    radius: 0.044
+    radius: 0.034
     thickness: 0.012
-    depth: 0.035
+    depth: 0.02
     tilt: 0.5
 surface_friction: 0.8
 provenance:

@@ -137,14 +137,7 @@ fn plan_holds(
     }))
 }
 
-fn carry_out(
-    bench: &Bench,
-    motion: &Motion,
-    name: &str,
-    kind: JointKind,
-    holds: &[Hold],
-    back: JointTrajectory,
-) -> Result<Plan, Failure> {
+fn carry_out(bench: &Bench, motion: &Motion, name: &str, kind: JointKind, holds: &[Hold], back: JointTrajectory) -> Result<Plan, Failure> {
     let object = &bench.scene.objects[motion.object];
     let arm = bench.world.arm();
     let rest = bench.rest()?;

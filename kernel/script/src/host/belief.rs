@@ -69,6 +69,8 @@ pub(super) fn move_object(
         });
         if let Some(link) = carrier {
             other.X_WO = X_WO * after[link] * before[link].inverse() * X_WO_before.inverse() * other.X_WO;
+            // It may have slid on the way.
+            other.seen = false;
         }
     }
     belief.objects[i].X_WO = X_WO;

@@ -65,6 +65,8 @@ pub(super) struct Thing {
     pub model: Arc<ObjectModel>,
     /// Where the script said it is, until it is seen or moved.
     pub declared: Option<Placement>,
+    /// In what the script said it is, until the robot takes it: there it is sought when it has been moved along.
+    pub home: Option<Placement>,
     /// It was put down and not seen since.
     pub released: bool,
 }
@@ -384,7 +386,13 @@ impl Live {
                 && let Some(i) = self.index(object)
             {
                 self.things[i].declared = None;
+                self.things[i].home = None;
                 self.things[i].released = matches!(change, BeliefChange::Released { .. });
+            }
+        }
+        for (thing, object) in self.things.iter_mut().zip(&self.belief.objects) {
+            if thing.home.is_some() && !object.seen {
+                thing.declared = thing.home.clone();
             }
         }
         self.carry_held()

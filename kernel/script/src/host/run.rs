@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use sagci_model::{JointKind, ObjectModel};
 use sagci_skill::{Argument, Failure, FailureCode, PlanRequest};
-use sagci_world::{Scene, World};
 use sagci_world::judge::{Goals, Verdict};
 use sagci_world::recording::{Journal, Level, Outcome as RunOutcome, RunRecord, Versioned};
+use sagci_world::{Placement, Scene, World};
 
 use super::arm::HostArm;
 use super::belief::{self, joint_slot};
@@ -217,8 +217,16 @@ impl Host {
             });
         }
         let arm = HostArm::new(&scene.robot, belief.X_WR, world.period()).map_err(|e| broken("the arm's control", e))?;
-        let things =
-            scene.objects.iter().map(|o| Thing { model: o.model.clone(), declared: Some(o.placement.clone()), released: false }).collect();
+        let things = scene
+            .objects
+            .iter()
+            .map(|o| Thing {
+                model: o.model.clone(),
+                declared: Some(o.placement.clone()),
+                home: Some(o.placement.clone()).filter(|p| matches!(p, Placement::Inside { .. })),
+                released: false,
+            })
+            .collect();
         let mut live = Live {
             observation: world.observe(),
             journal,
