@@ -5,7 +5,7 @@
 //! singular poses. The grip's turn about a bar is left free all the way (a joint of the path search like any other).
 
 use nalgebra::{Isometry3, Vector6};
-use sagci_dynamics::Multibody;
+use sagci_dynamics::{Multibody, Part, System};
 use sagci_model::{JointKind, ObjectModel};
 
 use crate::object_motion::{ObjectMotionOptions, ObjectTrajectory, object_motion};
@@ -115,24 +115,23 @@ pub fn joint_dynamics<'a>(
     joint: usize,
 ) -> Result<Box<dyn Fn(f64, f64, f64) -> f64 + 'a>, PlanError> {
     let lacks = |message: String| PlanError::ModelLacks { model: model.name.clone(), message };
-    let mut body = Multibody::welded(model, *X_WO).map_err(|e| lacks(e.to_string()))?;
-    body.set_gravity(gravity);
-    let n = body.nv();
-    if body.nq() != n || joint >= n {
+    let mut system = System::new(&[Part::welded(model, *X_WO)]).map_err(|e| lacks(e.to_string()))?;
+    system.multibody_mut().set_gravity(gravity);
+    let n = system.multibody().nv();
+    if system.multibody().nq() != n || joint >= n {
         return Err(lacks(format!("joint number {joint} is not among its {n} joints of one degree of freedom")));
     }
-    let index = model.moving_joints().nth(joint).ok_or_else(|| lacks(format!("has no moving joint number {joint}")))?;
-    let (damping, friction) = (model.joints[index].damping, model.joints[index].friction);
-    let mut q0 = q_other.to_vec();
-    q0.resize(n, 0.0);
-    let workspace = std::cell::RefCell::new(body.workspace());
+    let mut state = system.state();
+    for (q, other) in state.q.iter_mut().zip(q_other) {
+        *q = *other;
+    }
+    let scratch = std::cell::RefCell::new((system.workspace(), state, vec![0.0; n], vec![0.0; n]));
     Ok(Box::new(move |q: f64, v: f64, a: f64| {
-        let mut ws = workspace.borrow_mut();
-        let (mut qs, mut vs, mut accelerations, mut tau) = (q0.clone(), vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        (qs[joint], vs[joint], accelerations[joint]) = (q, v, a);
-        let done = body.set_state(&mut ws, &qs, &vs).and_then(|()| body.inverse_dynamics(&mut ws, &accelerations, &[], &mut tau));
-        match done {
-            Ok(()) => tau[joint] + damping * v + friction * v.signum() * f64::from(v != 0.0),
+        let mut scratch = scratch.borrow_mut();
+        let (ws, state, accelerations, tau) = &mut *scratch;
+        (state.q[joint], state.v[joint], accelerations[joint]) = (q, v, a);
+        match system.inverse_dynamics(ws, state, accelerations, &[], tau) {
+            Ok(()) => tau[joint],
             Err(_) => f64::NAN,
         }
     }))
