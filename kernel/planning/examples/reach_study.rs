@@ -56,6 +56,56 @@ fn reach(world: &CollisionWorld, from: &[f64], to: &[f64], width: f64, seed: u64
     free_motion(world, from, &[to.to_vec()], width, &options, &|| false).map(|p| format!("{} points", p.q.len()))
 }
 
+/// Moves the joint in as few holds as it takes, each from and to `ready` with the ways there and back.
+fn handle(scene: &Scene, from: f64, to: f64, ready: &[f64], layout: &Layout, seed: u64) -> Result<String, PlanError> {
+    let mut first = None;
+    for holds in 1..=layout.get("holds", 3.0) as usize {
+        match in_holds(scene, from, to, ready, layout, seed, holds) {
+            Ok(said) => return Ok(format!("{holds} holds: {said}")),
+            Err(e) => first = first.or(Some(e)),
+        }
+    }
+    Err(first.unwrap())
+}
+
+fn in_holds(scene: &Scene, from: f64, to: f64, ready: &[f64], layout: &Layout, seed: u64, holds: usize) -> Result<String, PlanError> {
+    let search = PathOptions {
+        anchors: layout.get("anchors", 4.0) as usize,
+        starts: layout.get("starts", 20.0) as usize,
+        nodes: layout.get("nodes", 28.0) as usize,
+        ..PathOptions::default()
+    };
+    let mut scene = scene.clone();
+    let mut at = ready.to_vec();
+    let mut said = String::new();
+    for hold in 0..holds {
+        let place = |k: usize| from + (to - from) * k as f64 / holds as f64;
+        scene.objects[0].q[0] = place(hold);
+        let mut world = CollisionWorld::new(&scene)?;
+        world.close_padding = layout.get("close", world.close_padding);
+        let request = ArticulationRequest {
+            seed,
+            search: search.clone(),
+            standoff: layout.get("standoff", 0.1),
+            ..ArticulationRequest::new(0, 0, place(hold), place(hold + 1), &at)
+        };
+        let plan = plan_articulation(&scene, &world, &request, &|| false)?.remove(0);
+        reach(&world, &at, &plan.approach[0], plan.grasp.width, seed)?;
+        said += &format!(
+            "score {:.1} load {:.2} clearance {:.3}; ",
+            plan.score,
+            plan.load,
+            world.clearance(&plan.path[0], plan.grasp.width, 0.1)
+        );
+        at = plan.retreat.last().unwrap().clone();
+        world.set_joint(0, 0, place(hold + 1));
+        if hold + 1 == holds {
+            reach(&world, &at, ready, plan.grasp.width, seed)?;
+        }
+    }
+    Ok(said)
+}
+
 fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<ObjectModel>>) -> Stages {
     let mut random = Pcg64::seed_from_u64(seed);
     let (shift, turn) = (layout.get("shift", 0.1), layout.get("turn", 15.0_f64).to_radians());
@@ -87,32 +137,7 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
         stages.push((name, r, now.elapsed().as_secs_f64()));
         now = Instant::now();
     };
-    let search = PathOptions {
-        anchors: layout.get("anchors", 4.0) as usize,
-        starts: layout.get("starts", 30.0) as usize,
-        nodes: layout.get("nodes", 36.0) as usize,
-        ..PathOptions::default()
-    };
-    let standoff = layout.get("standoff", 0.1);
-    let grasps = layout.get("grasps", 18.0) as usize;
-    let world = CollisionWorld::new(&scene).unwrap();
-    let request =
-        ArticulationRequest { seed, search: search.clone(), standoff, grasps, ..ArticulationRequest::new(0, 0, 0.0, open, &ready) };
-    let mut at = ready.clone();
-    match plan_articulation(&scene, &world, &request, &|| false) {
-        Ok(plans) => {
-            let plan = &plans[0];
-            push(&mut stages, "open", Ok(format!("score {:.1} load {:.2} {:.1} s", plan.score, plan.load, plan.object.duration())));
-            let mut world = world.clone();
-            let r = reach(&world, &ready, &plan.approach[0], plan.grasp.width, seed);
-            push(&mut stages, "open: reach", r);
-            world.set_joint(0, 0, open);
-            at = plan.retreat.last().unwrap().clone();
-            let r = reach(&world, &at, &ready, plan.grasp.width, seed);
-            push(&mut stages, "open: leave", r);
-        }
-        Err(e) => push(&mut stages, "open", Err(e)),
-    }
+    push(&mut stages, "open", handle(&scene, 0.0, open, &ready, layout, seed));
     scene.objects[0].q[0] = open;
     if task == "drawer" {
         scene.objects[1].X_WO = {
@@ -131,12 +156,12 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
     if layout.get("transfer", 1.0) == 0.0 {
         // Only the door.
     } else {
-        match plan_pick(&scene, &world, 1, &at, Some(&destination), &options, &|| false) {
+        match plan_pick(&scene, &world, 1, &ready, Some(&destination), &options, &|| false) {
             Ok(plans) => {
                 let plan = &plans[0];
                 let lean = plan.freedom.to_degrees();
                 push(&mut stages, "transfer", Ok(format!("{} lean {lean:.0} score {:.1}", plan.grasp.name, plan.score)));
-                let r = reach(&world, &at, &plan.approach[0], plan.grasp.width, seed);
+                let r = reach(&world, &ready, &plan.approach[0], plan.grasp.width, seed);
                 push(&mut stages, "transfer: reach", r);
                 let place = plan.place.as_ref().unwrap();
                 let mut holding = world.clone();
@@ -144,22 +169,13 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
                 let r = reach(&holding, plan.lift.last().unwrap(), &place.insert[0], plan.grasp.hold_width, seed);
                 push(&mut stages, "transfer: carry", r);
                 scene.objects[1].X_WO = place.X_WO;
-                at = place.retreat.last().unwrap().clone();
+                let world = CollisionWorld::new(&scene).unwrap();
+                push(&mut stages, "transfer: back", reach(&world, place.retreat.last().unwrap(), &ready, place.width, seed));
             }
             Err(e) => push(&mut stages, "transfer", Err(e)),
         }
     }
-    let world = CollisionWorld::new(&scene).unwrap();
-    let request = ArticulationRequest { seed, search, standoff, grasps, ..ArticulationRequest::new(0, 0, open, 0.0, &at) };
-    match plan_articulation(&scene, &world, &request, &|| false) {
-        Ok(plans) => {
-            let plan = &plans[0];
-            push(&mut stages, "close", Ok(format!("score {:.1} load {:.2}", plan.score, plan.load)));
-            let r = reach(&world, &at, &plan.approach[0], plan.grasp.width, seed);
-            push(&mut stages, "close: reach", r);
-        }
-        Err(e) => push(&mut stages, "close", Err(e)),
-    }
+    push(&mut stages, "close", handle(&scene, open, 0.0, &ready, layout, seed));
     stages
 }
 
@@ -187,7 +203,7 @@ fn main() {
     let mut whole = 0;
     for seed in 1..=seeds {
         let stages = study(&task, &layout, seed, &models);
-        let mut all = stages.len() == 8;
+        let mut all = stages.len() == 6;
         for (name, result, seconds) in &stages {
             if !order.contains(name) {
                 order.push(name);

@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Vector6};
 use sagci_dynamics::{Multibody, Part, System};
 use sagci_model::{JointKind, ObjectModel};
 
+use crate::inverse::InverseOptions;
 use crate::object_motion::{ObjectMotionOptions, ObjectTrajectory, object_motion};
 use crate::path::{PathOptions, ToolPath, Waypoint, arm_path};
 use crate::{ArmKinematics, CollisionWorld, Contact, Grasp, GraspOptions, PlanError, Scene, grasps};
@@ -50,7 +51,7 @@ impl ArticulationRequest {
             q_start: q_start.to_vec(),
             motion: ObjectMotionOptions::default(),
             standoff: 0.1,
-            grasps: 18,
+            grasps: 30,
             plans: 1,
             search: PathOptions::default(),
             seed: 0,
@@ -181,9 +182,9 @@ pub fn plan_articulation(
     let robot = scene.robot.document.robot.as_ref().ok_or_else(|| lacks("the robot's model has no `robot` section".into()))?;
     let effort = request.motion.effort.min(joint.limits.effort);
     let speed = request.motion.speed.min(joint.limits.velocity);
-    let mut motion = ObjectMotionOptions { effort, speed, ..request.motion.clone() };
+    let motion = ObjectMotionOptions { effort, speed, ..request.motion.clone() };
     let dynamics = joint_dynamics(model, &o.X_WO, scene.gravity, &o.q, request.joint)?;
-    let mut object = object_motion(&*dynamics, request.from, request.to, &motion)?;
+    let object = object_motion(&*dynamics, request.from, request.to, &motion)?;
 
     // Grasps on any link that the joint moves rigidly: its child, and what is fixed to that.
     let mut moved = vec![joint.child];
@@ -205,8 +206,6 @@ pub fn plan_articulation(
     }
     candidates.sort_by(|a, b| b.quality.total_cmp(&a.quality));
     candidates.truncate(request.grasps);
-    let mut candidates: Vec<Grasp> = candidates.iter().flat_map(|g| rolling_windows(g, robot.gripper.pad_half_extents[1])).collect();
-    candidates.sort_by(|a, b| b.quality.total_cmp(&a.quality));
 
     // Steps of at most 3 degrees or 1.5 cm.
     let step = if joint.kind == JointKind::Prismatic { 0.015 } else { 0.05 };
@@ -216,25 +215,38 @@ pub fn plan_articulation(
 
     let mut plans: Vec<ArticulationPlan> = Vec::new();
     let mut furthest: Option<(usize, PlanError)> = None;
-    for (number, grasp) in candidates.iter().enumerate() {
-        if cancelled() {
-            return Err(PlanError::Cancelled { stage: "grasp".into() });
-        }
-        match try_grasp(scene, world, request, grasp, &positions, number as u64, cancelled) {
-            Ok(mut plan) => {
-                plan.object = object.clone();
-                if let Err(e) = judge(scene, world.arm(), request, gravity.as_deref(), &mut plan) {
-                    keep_furthest(&mut furthest, e);
-                    continue;
-                }
-                plans.push(plan);
+    let mut number = 0;
+    // Some grasps at a time: those that the arm can hold best over the way are tried first among them.
+    'search: for some in candidates.chunks(6) {
+        let mut windows = Vec::new();
+        for grasp in some {
+            if cancelled() {
+                return Err(PlanError::Cancelled { stage: "grasp".into() });
             }
-            Err(e @ PlanError::Cancelled { .. }) => return Err(e),
-            Err(e) => keep_furthest(&mut furthest, e),
+            match promising(scene, world, request, grasp, robot.gripper.pad_half_extents[1], &positions) {
+                Ok(found) => windows.extend(found),
+                Err(e) => keep_furthest(&mut furthest, e),
+            }
         }
-        // Good enough: the rest would only cost time.
-        if plans.len() >= request.plans.max(1) + 1 {
-            break;
+        windows.sort_by(|a, b| b.promise.total_cmp(&a.promise));
+        for window in &windows {
+            number += 1;
+            match try_grasp(scene, world, request, window, &positions, number, cancelled) {
+                Ok(mut plan) => {
+                    plan.object = object.clone();
+                    if let Err(e) = judge(world.arm(), gravity.as_deref(), &mut plan) {
+                        keep_furthest(&mut furthest, e);
+                        continue;
+                    }
+                    plans.push(plan);
+                }
+                Err(e @ PlanError::Cancelled { .. }) => return Err(e),
+                Err(e) => keep_furthest(&mut furthest, e),
+            }
+            // Good enough: the rest would only cost time.
+            if plans.len() > request.plans.max(1) {
+                break 'search;
+            }
         }
     }
     if plans.is_empty() {
@@ -246,9 +258,8 @@ pub fn plan_articulation(
     for plan in &mut plans {
         let fastest = arm_speed_limit(world.arm(), plan);
         if fastest < motion.speed {
-            motion.speed = fastest;
-            object = object_motion(&*dynamics, request.from, request.to, &ObjectMotionOptions { duration: None, ..motion.clone() })?;
-            plan.object = object.clone();
+            let slower = ObjectMotionOptions { duration: None, speed: fastest, ..motion.clone() };
+            plan.object = object_motion(&*dynamics, request.from, request.to, &slower)?;
         }
     }
     Ok(plans)
@@ -257,27 +268,125 @@ pub fn plan_articulation(
 /// Share of a pad's half length that may be rolled off on either side of its middle.
 const ROLLED: f64 = 0.6;
 
+/// The world with what a hand at work on the handle may do.
+fn near_handle(world: &CollisionWorld, request: &ArticulationRequest, grasp: &Grasp) -> CollisionWorld {
+    let mut near = world.clone();
+    near.allow_touch(near.fingers(), request.object, grasp.link, grasp.held_part);
+    near.allow_close(near.hand(), request.object);
+    near
+}
+
+/// A grasp with the part of its freedom that one hold may use, and how much the arm can do with it.
+struct Window {
+    grasp: Grasp,
+    promise: f64,
+    /// Solutions at the first, middle and last position, as starts.
+    seeds: Vec<Vec<f64>>,
+}
+
 /// A hand that turns about a bar while it holds it rolls its pads off the bar: by the angle times the bar's radius. So the
-/// grip's freedom is cut into overlapping windows in which the bar stays on the pads, each a grasp of its own.
-fn rolling_windows(grasp: &Grasp, pad_half_length: f64) -> Vec<Grasp> {
-    let [low, high] = grasp.range;
-    let roll = ROLLED * pad_half_length / (0.5 * grasp.hold_width).max(1e-4);
-    if high - low <= 2.0 * roll {
-        return vec![grasp.clone()];
+/// grip's freedom is cut into overlapping windows in which the bar stays on the pads. Only windows in which the arm reaches
+/// the first, the middle and the last position are worth a search; one set of inverse kinematics tells for all.
+fn promising(
+    scene: &Scene,
+    world: &CollisionWorld,
+    request: &ArticulationRequest,
+    grasp: &Grasp,
+    pad_half_length: f64,
+    positions: &[f64],
+) -> Result<Vec<Window>, PlanError> {
+    let o = &scene.objects[request.object];
+    let chain = world.arm().with_freedom(&grasp.freedom());
+    let mut q = o.q.clone();
+    q.resize(q.len().max(request.joint + 1), 0.0);
+    let options = InverseOptions {
+        starts: 40,
+        solutions: 40,
+        distinct: 0.15,
+        margin: request.search.margin,
+        tolerance: 1e-7,
+        steps: 50,
+        seed: request.seed,
+    };
+    let mut at: Vec<Vec<Vec<f64>>> = Vec::new();
+    for k in [0, positions.len() / 2, positions.len() - 1] {
+        q[request.joint] = positions[k];
+        let goal = grasp.X_WF(&o.model, &o.X_WO, &q);
+        let found = chain.inverse(&goal, &[], &options);
+        if found.is_empty() {
+            let p = goal.translation.vector;
+            return Err(PlanError::Unreachable {
+                stage: "path".into(),
+                message: format!(
+                    "with the joint at {:.3} the grasp '{}' at ({:.2}, {:.2}, {:.2}) m has no solution within the joint limits",
+                    positions[k], grasp.name, p.x, p.y, p.z
+                ),
+            });
+        }
+        at.push(found);
     }
-    let count = ((high - low - 2.0 * roll) / roll).ceil().max(1.0) as usize;
-    (0..=count)
-        .map(|k| {
-            let middle = low + roll + (high - low - 2.0 * roll) * k as f64 / count as f64;
-            let quality = grasp.quality - 0.1 * middle.abs();
-            Grasp { range: [middle - roll, middle + roll], quality, ..grasp.clone() }
-        })
-        .collect()
+    let freedom = |q: &Vec<f64>| q.last().copied().unwrap_or(0.0);
+    let [low, high] = grasp.range;
+    let roll = (ROLLED * pad_half_length / (0.5 * grasp.hold_width).max(1e-4)).min(0.5 * (high - low));
+    let count = if high - low <= 2.0 * roll + 1e-9 { 0 } else { ((high - low - 2.0 * roll) / roll).ceil().max(1.0) as usize };
+    let mut near = near_handle(world, request, grasp);
+    let mut hand_blocked = None;
+    let mut windows = Vec::new();
+    for k in 0..=count {
+        let middle = if count == 0 { 0.5 * (low + high) } else { low + roll + (high - low - 2.0 * roll) * k as f64 / count as f64 };
+        let range = [middle - roll, middle + roll];
+        let inside = |q: &&Vec<f64>| freedom(q) >= range[0] - 0.05 && freedom(q) <= range[1] + 0.05;
+        let least = at.iter().map(|found| found.iter().filter(inside).count()).min().unwrap_or(0);
+        if least == 0 {
+            continue;
+        }
+        // A hand that cannot be there at all needs no arm.
+        let mut blocked = None;
+        for position in [positions[0], positions[positions.len() - 1]] {
+            q[request.joint] = position;
+            near.set_joint(request.object, request.joint, position);
+            let contacts: Vec<Option<Contact>> = [0.0, -0.9 * roll, 0.9 * roll]
+                .iter()
+                .map(|d| near.check_hand(&grasp.X_WT(&o.model, &o.X_WO, &q, middle + d), grasp.hold_width))
+                .collect();
+            if contacts.iter().all(Option::is_some) {
+                blocked = contacts.into_iter().next().flatten();
+            }
+        }
+        if blocked.is_some() {
+            hand_blocked = blocked;
+            continue;
+        }
+        let quality = grasp.quality - 0.1 * middle.abs();
+        windows.push(Window {
+            grasp: Grasp { range, quality, ..grasp.clone() },
+            promise: quality + 0.05 * (least as f64).min(8.0),
+            seeds: at.iter().flat_map(|found| found.iter().filter(inside).take(4).cloned()).collect(),
+        });
+    }
+    if let (true, Some(c)) = (windows.is_empty(), hand_blocked) {
+        let message = format!("the hand has no room at the grasp '{}'", grasp.name);
+        return Err(PlanError::Collision { stage: "grasp".into(), first: c.first, second: c.second, message });
+    }
+    if windows.is_empty() {
+        return Err(PlanError::Unreachable {
+            stage: "path".into(),
+            message: format!(
+                "the grasp '{}' reaches from {:.3} to {:.3}, but not with a hand that turns by less than {:.2} about it",
+                grasp.name,
+                positions[0],
+                positions[positions.len() - 1],
+                2.0 * roll
+            ),
+        });
+    }
+    Ok(windows)
 }
 
 fn keep_furthest(furthest: &mut Option<(usize, PlanError)>, e: PlanError) {
     let rank = match &e {
         PlanError::TooWeak { .. } => 5,
+        PlanError::Collision { stage, .. } if stage == "grasp" => 2,
         PlanError::Collision { .. } => 4,
         PlanError::Unreachable { .. } => 3,
         _ => 1,
@@ -291,11 +400,12 @@ fn try_grasp(
     scene: &Scene,
     world: &CollisionWorld,
     request: &ArticulationRequest,
-    grasp: &Grasp,
+    window: &Window,
     positions: &[f64],
     number: u64,
     cancelled: &dyn Fn() -> bool,
 ) -> Result<ArticulationPlan, PlanError> {
+    let grasp = &window.grasp;
     let o = &scene.objects[request.object];
     let arm = world.arm();
     let steps = (request.standoff / 0.015).ceil().max(1.0) as usize;
@@ -325,10 +435,7 @@ fn try_grasp(
     }
     let path = ToolPath { chains, waypoints, stages: vec!["approach".into(), "path".into(), "retreat".into()] };
 
-    let mut near = world.clone();
-    let fingers = near.fingers();
-    near.allow_touch(fingers, request.object, grasp.link, grasp.held_part);
-    near.allow_close(near.hand(), request.object);
+    let mut near = near_handle(world, request, grasp);
     let arm_n = arm.arm_joints();
     let mut current = f64::NAN;
     let mut check = |i: usize, q: &[f64]| -> Option<Contact> {
@@ -346,13 +453,15 @@ fn try_grasp(
         near.check(&q[..arm_n], if moving { grasp.hold_width } else { grasp.width })
     };
     let mut seed = request.q_start.clone();
-    seed.push(0.0);
+    seed.push(0.5 * (grasp.range[0] + grasp.range[1]));
+    let mut seeds = vec![seed];
+    seeds.extend(window.seeds.iter().cloned());
     let options = PathOptions {
         seed: request.seed.wrapping_mul(0x9e37_79b9).wrapping_add(number),
         start_near: Some(request.q_start.clone()),
         ..request.search.clone()
     };
-    let found = arm_path(&path, &[seed], &mut check, &options, cancelled)?;
+    let found = arm_path(&path, &seeds, &mut check, &options, cancelled)?;
     let mut q = found.q;
     let retreat = q.split_off(steps + positions.len() - 1);
     let path_q = {
@@ -379,14 +488,7 @@ fn try_grasp(
 }
 
 /// The torque that u* takes, on top of the arm's weight.
-fn judge(
-    scene: &Scene,
-    arm: &ArmKinematics,
-    request: &ArticulationRequest,
-    gravity: Option<&dyn Fn(&[f64]) -> Vec<f64>>,
-    plan: &mut ArticulationPlan,
-) -> Result<(), PlanError> {
-    let _ = (scene, request);
+fn judge(arm: &ArmKinematics, gravity: Option<&dyn Fn(&[f64]) -> Vec<f64>>, plan: &mut ArticulationPlan) -> Result<(), PlanError> {
     let n = plan.path.len();
     for k in 0..n {
         let (a, b) = (k.saturating_sub(1), (k + 1).min(n - 1));

@@ -69,6 +69,15 @@ struct RobotLink {
     radius: f64,
 }
 
+impl RobotLink {
+    /// Pose in the world, for its frame's pose and the gripper's opening.
+    fn pose(&self, X_WJ: Pose3, width: f64) -> Pose3 {
+        let mut X = X_WJ;
+        X.translation += X.rotation * (self.finger * width);
+        X * self.X_FL
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Group {
     object: usize,
@@ -404,9 +413,29 @@ impl CollisionWorld {
     /// Would anything touch or come too near, and what? The first such pair, in a fixed order. `q` has the arm's
     /// joints (entries behind them are ignored); `width` is the gripper's opening, m.
     pub fn check(&self, q: &[f64], width: f64) -> Option<Contact> {
+        let (links, X_WT) = self.link_poses(q, width);
+        self.first_contact(&links, &X_WT, true)
+    }
+
+    /// As [`Self::check`], for the hand and what it holds alone with the tool at `X_WT`, whatever the arm does: what this
+    /// finds no configuration can avoid.
+    pub fn check_hand(&self, X_WT: &Isometry3<f64>, width: f64) -> Option<Contact> {
+        let last = self.arm.arm_joints();
+        let X_WE = pose(&(X_WT * self.arm.X_ET.inverse()));
+        let links: Vec<Option<Pose3>> = self.robot.iter().map(|l| (l.frame == last).then(|| l.pose(X_WE, width))).collect();
+        self.first_contact(&links, &pose(X_WT), false)
+    }
+
+    fn link_poses(&self, q: &[f64], width: f64) -> (Vec<Option<Pose3>>, Pose3) {
+        let mut X_WJ = Vec::with_capacity(self.arm.joints() + 1);
+        self.arm.frames(q, &mut X_WJ);
+        let last = self.arm.arm_joints();
+        (self.robot.iter().map(|l| Some(l.pose(pose(&X_WJ[l.frame.min(last)]), width))).collect(), pose(&(X_WJ[last] * self.arm.X_ET)))
+    }
+
+    fn first_contact(&self, links: &[Option<Pose3>], X_WT: &Pose3, itself: bool) -> Option<Contact> {
         let mut found = None;
-        let mut scratch = Vec::new();
-        self.visit(q, width, &mut scratch, 0.0, &mut |a, X_WA, b, X_WB, margin, first, second| {
+        self.visit(links, X_WT, 0.0, itself, &mut |a, X_WA, b, X_WB, margin, first, second| {
             let hit = match b {
                 Some(b) => within(a, X_WA, b, X_WB, margin),
                 None => self.lowest(a, X_WA) < self.scene.table_height + margin,
@@ -428,8 +457,8 @@ impl CollisionWorld {
     /// distance to itself and pairs that may touch do not count. 0 if something overlaps.
     pub fn clearance(&self, q: &[f64], width: f64, limit: f64) -> f64 {
         let mut least = limit;
-        let mut scratch = Vec::new();
-        self.visit(q, width, &mut scratch, limit, &mut |a, X_WA, b, X_WB, _, _, _| {
+        let (links, X_WT) = self.link_poses(q, width);
+        self.visit(&links, &X_WT, limit, false, &mut |a, X_WA, b, X_WB, _, _, _| {
             let d = match b {
                 Some(b) => distance(a, X_WA, b, X_WB, least),
                 None => (self.lowest(a, X_WA) - self.scene.table_height).max(0.0),
@@ -445,32 +474,21 @@ impl CollisionWorld {
     #[allow(clippy::type_complexity)]
     fn visit(
         &self,
-        q: &[f64],
-        width: f64,
-        X_WJ: &mut Vec<Isometry3<f64>>,
+        links: &[Option<Pose3>],
+        X_WT: &Pose3,
         reach: f64,
+        itself: bool,
         test: &mut dyn FnMut(&Solid, &Pose3, Option<&Solid>, &Pose3, f64, &str, &str) -> (bool, f64),
     ) {
         let mut reach = reach;
-        self.arm.frames(q, X_WJ);
-        let links: Vec<Pose3> = self
-            .robot
-            .iter()
-            .map(|l| {
-                let mut X = pose(&X_WJ[l.frame.min(X_WJ.len() - 1)]);
-                X.translation += X.rotation * (l.finger * width);
-                X * l.X_FL
-            })
-            .collect();
-        let X_WT = pose(&(X_WJ[self.arm.arm_joints()] * self.arm.X_ET));
         let held_names = self.groups.iter().enumerate().filter(|(_, g)| g.held);
         let last = self.arm.arm_joints();
 
         // Moving things one by one: the robot's links, then what is held.
-        let movers = (self.robot.iter().zip(&links))
+        let movers = (self.robot.iter().zip(links))
             .enumerate()
-            .map(|(i, (l, X))| (Some(i), l.name.as_str(), &l.solids, *X, l.center, l.radius, l.frame))
-            .chain(held_names.map(|(_, g)| (None, g.name.as_str(), &g.solids, X_WT * g.X, g.center, g.radius, last)));
+            .filter_map(|(i, (l, X))| X.map(|X| (Some(i), l.name.as_str(), &l.solids, X, l.center, l.radius, l.frame)))
+            .chain(held_names.map(|(_, g)| (None, g.name.as_str(), &g.solids, *X_WT * g.X, g.center, g.radius, last)));
         for (link, name, solids, X_WL, center, radius, frame) in movers {
             let c = X_WL * center;
             // The base stands on the table.
@@ -523,13 +541,13 @@ impl CollisionWorld {
             }
             // What is held against the arm; hand and fingers hold it.
             if link.is_none() {
-                for (l, X_WB) in self.robot.iter().zip(&links).filter(|(l, _)| l.frame < last) {
+                for (l, X_WB) in self.robot.iter().zip(links).filter_map(|(l, X)| X.filter(|_| l.frame < last).map(|X| (l, X))) {
                     let near = radius + l.radius + self.self_padding.max(reach);
-                    if (*X_WB * l.center - c).length_squared() > near * near {
+                    if (X_WB * l.center - c).length_squared() > near * near {
                         continue;
                     }
                     for (s, e) in solids.iter().flat_map(|s| l.solids.iter().map(move |e| (s, e))) {
-                        let (X, X_WG) = (X_WL * s.X_LG, *X_WB * e.X_LG);
+                        let (X, X_WG) = (X_WL * s.X_LG, X_WB * e.X_LG);
                         if ball_near(e, &X_WG, X * s.center, s.radius + self.self_padding.max(reach)) {
                             let (stop, r) = test(s, &X, Some(e), &X_WG, self.self_padding, name, &l.name);
                             if stop {
@@ -542,17 +560,18 @@ impl CollisionWorld {
             }
         }
         // The arm is never far from itself: only the check asks.
-        if reach > 0.0 {
+        if !itself {
             return;
         }
         for &(a, b) in &self.pairs {
             let (la, lb) = (&self.robot[a], &self.robot[b]);
+            let (Some(X_WA), Some(X_WB)) = (links[a], links[b]) else { continue };
             let near = la.radius + lb.radius + self.self_padding.max(reach);
-            if (links[a] * la.center - links[b] * lb.center).length_squared() > near * near {
+            if (X_WA * la.center - X_WB * lb.center).length_squared() > near * near {
                 continue;
             }
             for (s, e) in la.solids.iter().flat_map(|s| lb.solids.iter().map(move |e| (s, e))) {
-                let (X, X_WG) = (links[a] * s.X_LG, links[b] * e.X_LG);
+                let (X, X_WG) = (X_WA * s.X_LG, X_WB * e.X_LG);
                 if ball_near(e, &X_WG, X * s.center, s.radius + self.self_padding.max(reach)) {
                     let (stop, r) = test(s, &X, Some(e), &X_WG, self.self_padding, &la.name, &lb.name);
                     if stop {

@@ -67,8 +67,8 @@ impl Default for PathOptions {
         Self {
             seed: 0,
             anchors: 4,
-            starts: 30,
-            nodes: 36,
+            starts: 20,
+            nodes: 28,
             step: 0.25,
             smooth_step: 0.1,
             margin: 0.05,

@@ -179,6 +179,11 @@ pub fn plan_pick(
             return Err(PlanError::Cancelled { stage: "pick".into() });
         }
         let X_WT = o.X_WO * h.X_TO.inverse();
+        let back = X_WT * Translation3::new(0.0, 0.0, -options.standoff);
+        if let Some(c) = near.check_hand(&X_WT, h.grasp.width).or_else(|| near.check_hand(&back, h.grasp.width)) {
+            failures.add_contact(0, "pick", Some(c), &at(&X_WT, "the grasp"));
+            continue;
+        }
         let solutions = arm.inverse(&X_WT, &[q_start.to_vec()], &quick);
         if solutions.is_empty() {
             failures.add(0, PlanError::Unreachable { stage: "pick".into(), message: at(&X_WT, "the grasp") });
@@ -564,14 +569,14 @@ fn place_held(
     let mut plans: Vec<PlacePlan> = Vec::new();
     let mut spent = 0;
     let mut looked = 0;
+    let mut checked = 0;
     for X_WO in poses {
         if cancelled() {
             return Err((9, PlanError::Cancelled { stage: "place".into() }));
         }
-        if spent >= options.attempts || looked >= 20 * options.attempts {
+        if spent >= options.attempts || looked >= 20 * options.attempts || checked >= 100 * options.attempts {
             break;
         }
-        looked += 1;
         let X_WT = X_WO * X_OT;
         let z = X_WT.rotation * Vector3::z();
         // From below, or from the far side of a side opening.
@@ -584,6 +589,12 @@ fn place_held(
         let mut empty = near.clone();
         empty.set_pose(object, &X_WO);
 
+        checked += 1;
+        if let Some(c) = holding.check_hand(&X_WT, h.grasp.hold_width).or_else(|| empty.check_hand(&X_WT, h.grasp.width)) {
+            failures.add_contact(0, "place", Some(c), &at(&X_WT, "the place"));
+            continue;
+        }
+        looked += 1;
         let solutions = arm.inverse(&X_WT, &[q_start.to_vec()], &quick);
         if solutions.is_empty() {
             failures.add(1, PlanError::Unreachable { stage: "place".into(), message: at(&X_WT, "the place") });
