@@ -25,7 +25,7 @@ const PUSH_POINTS: usize = 21;
 /// Grasps that are tried when the first has no free way to it.
 const PLANS: usize = 3;
 /// Times that the handle may be taken.
-const MOST_HOLDS: usize = 3;
+const MOST_HOLDS: usize = 4;
 
 /// What is to happen to a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]

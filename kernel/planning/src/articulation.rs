@@ -266,7 +266,7 @@ pub fn plan_articulation(
 }
 
 /// Share of a pad's half length that may be rolled off on either side of its middle.
-const ROLLED: f64 = 0.6;
+const ROLLED: f64 = 0.4;
 
 /// The world with what a hand at work on the handle may do.
 fn near_handle(world: &CollisionWorld, request: &ArticulationRequest, grasp: &Grasp) -> CollisionWorld {
