@@ -7,7 +7,6 @@
 mod arguments;
 mod commands;
 mod error;
-mod library;
 mod place;
 mod table;
 mod watch;

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use sagci_library::Library;
 use sagci_script::language::engine::reserved_names;
 use sagci_script::plugins::{SearchPath, SkillSet};
 use sagci_skill::LogSink;
 
 use crate::arguments::Places;
 use crate::error::CliError;
-use crate::library::LibraryModels;
 
 /// The folder that holds `world-models/`, upward from the script or from here.
 pub fn project(script: Option<&Path>) -> Option<PathBuf> {
@@ -19,15 +19,20 @@ pub fn project(script: Option<&Path>) -> Option<PathBuf> {
 }
 
 /// The library of object models.
-pub fn models(places: &Places, script: Option<&Path>) -> Result<LibraryModels, CliError> {
-    match (&places.models, project(script)) {
-        (Some(folder), _) => LibraryModels::open(folder),
-        (None, Some(project)) => LibraryModels::open(&project.join("world-models")),
-        (None, None) => Err(CliError::Other(
-            "the library of object models was not found: there is no folder world-models/ here or above; go to the project's folder or give --models DIR"
-                .to_owned(),
-        )),
+pub fn library(places: &Places, script: Option<&Path>) -> Result<Library, CliError> {
+    let folder = match (&places.models, project(script)) {
+        (Some(folder), _) => folder.clone(),
+        (None, Some(project)) => project.join("world-models"),
+        (None, None) => {
+            let message = "the library of object models was not found: there is no folder world-models/ here or above; \
+                           go to the project's folder or give --models DIR";
+            return Err(CliError::Other(message.to_owned()));
+        }
+    };
+    if !folder.is_dir() {
+        return Err(CliError::Other(format!("{}: is no folder; --models takes the folder of the library", folder.display())));
     }
+    Library::open(folder).map_err(|e| CliError::Other(e.to_string()))
 }
 
 /// All skills that can be found.

@@ -8,4 +8,4 @@ mod models;
 pub mod plugins;
 
 pub use diagnostic::Diagnostic;
-pub use models::Models;
+pub use models::{LibraryModels, Models};

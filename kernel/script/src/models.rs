@@ -1,9 +1,11 @@
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
+use sagci_library::Library;
 use sagci_model::ObjectModel;
 
 /// Where object models come from.
-pub trait Models: Sync {
+pub trait Models: Send + Sync {
     /// The names of all models, sorted.
     fn names(&self) -> Vec<String>;
 
@@ -12,4 +14,41 @@ pub trait Models: Sync {
 
     /// Name of the current version of a model, and the hash of its bytes.
     fn version(&self, name: &str) -> Result<(String, String), String>;
+}
+
+/// The library on disk; each model is read once, and stays what it was then.
+pub struct LibraryModels {
+    library: Library,
+    read: Mutex<BTreeMap<String, Result<(String, Arc<ObjectModel>), String>>>,
+}
+
+impl LibraryModels {
+    /// The models of a library.
+    pub fn new(library: Library) -> Self {
+        Self { library, read: Mutex::default() }
+    }
+
+    fn stored(&self, name: &str) -> Result<(String, Arc<ObjectModel>), String> {
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        let stored = read.entry(name.to_owned()).or_insert_with(|| {
+            let stored = self.library.get(name).map_err(|e| e.to_string())?;
+            Ok((stored.version.to_string(), stored.model))
+        });
+        stored.clone()
+    }
+}
+
+impl Models for LibraryModels {
+    fn names(&self) -> Vec<String> {
+        self.library.names().unwrap_or_default()
+    }
+
+    fn model(&self, name: &str) -> Result<Arc<ObjectModel>, String> {
+        self.stored(name).map(|(_, model)| model)
+    }
+
+    fn version(&self, name: &str) -> Result<(String, String), String> {
+        // A version is named by the hash of its bytes.
+        self.stored(name).map(|(version, _)| (version.clone(), version))
+    }
 }

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use sagci_script::LibraryModels;
+
 use crate::arguments::Places;
 use crate::commands::print;
 use crate::error::CliError;
@@ -7,7 +9,7 @@ use crate::place;
 
 /// `sagci check`.
 pub fn check(script: &Path, places: &Places) -> Result<bool, CliError> {
-    let models = place::models(places, Some(script))?;
+    let models = LibraryModels::new(place::library(places, Some(script))?);
     let skills = place::skills(places, Some(script), place::silent())?;
     let problems = sagci_script::language::check::check(script, &skills, &models);
     if !problems.is_empty() {

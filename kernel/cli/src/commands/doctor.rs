@@ -1,4 +1,4 @@
-use sagci_script::Models as _;
+use sagci_library::Severity;
 
 use crate::arguments::Places;
 use crate::commands::print;
@@ -13,14 +13,20 @@ pub fn doctor(places: &Places) -> Result<bool, CliError> {
         print(&format!("{}  {what:<9} {text}\n", if good { "ok   " } else { "WRONG" }));
     };
     say(true, "program", concat!("sagci ", env!("CARGO_PKG_VERSION")));
-    match place::models(places, None) {
+    match place::library(places, None).and_then(|l| Ok((l.names().map_err(|e| CliError::Other(e.to_string()))?, l))) {
         Err(e) => say(false, "library", &e.to_string()),
-        Ok(library) => {
-            let names = library.names();
-            say(!names.is_empty(), "library", &format!("{} models", names.len()));
+        Ok((names, library)) => {
+            say(!names.is_empty(), "library", &format!("{}, {} models", library.root().display(), names.len()));
             for name in names {
-                match library.model(&name) {
-                    Ok(_) => say(true, "model", &name),
+                match library.verify(&name) {
+                    Ok(report) if report.sound => {
+                        say(true, "model", &format!("{name} {}", report.version.map(|v| v.to_string()).unwrap_or_default()));
+                    }
+                    Ok(report) => {
+                        for finding in report.findings.iter().filter(|f| f.severity == Severity::Error) {
+                            say(false, "model", &format!("{name}: {}: {}", finding.place, finding.message));
+                        }
+                    }
                     Err(e) => say(false, "model", &format!("{name}: {e}")),
                 }
             }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use sagci_script::LibraryModels;
 use sagci_script::host::report::{Figure, Rate, RunReport, StepStatus};
 use sagci_script::host::{Kit, Registration, RunError, RunOptions, WorldSource, run_many};
 use sagci_world::recording::{Journal, RecordedWorld, RunRecord};
@@ -59,7 +60,7 @@ struct Batch<'a> {
 /// Runs a script, once or several times.
 pub fn run(arguments: &Run) -> Result<bool, CliError> {
     let script = &arguments.script;
-    let models = place::models(&arguments.places, Some(script))?;
+    let models = LibraryModels::new(place::library(&arguments.places, Some(script))?);
     let skills = place::skills(&arguments.places, Some(script), place::silent())?;
     let many = arguments.runs > 1;
     let cancel = cancel_on_interrupt()?;
@@ -137,19 +138,18 @@ fn civil(days: u64) -> (u64, u64, u64) {
 }
 
 fn report_text(report: &RunReport) -> String {
-    let mut rows = vec![["skill", "with", "status", "time", "figure", "predicted", "measured", "gap"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["call", "status", "time", "figure", "predicted", "measured", "gap"].map(str::to_owned).to_vec()];
     for step in &report.steps {
         let status = match step.status {
             StepStatus::Done => "done".to_owned(),
             StepStatus::Planned => "planned".to_owned(),
             StepStatus::Failed => step.code.clone().unwrap_or_else(|| "failed".to_owned()),
         };
-        let args = step.args.values().cloned().collect::<Vec<_>>().join(", ");
-        let head = [step.skill.clone(), args, status, format!("{:.1} s", step.seconds)];
+        let head = [step.call.clone(), status, format!("{:.1} s", step.seconds)];
         let names: Vec<&String> = step.predicted.keys().chain(step.measured.keys().filter(|k| !step.predicted.contains_key(*k))).collect();
         let cell = |figure: Option<&Figure>| figure.map(figure_text).unwrap_or_default();
         for (i, name) in names.iter().enumerate() {
-            let mut row = if i == 0 { head.to_vec() } else { vec![String::new(); 4] };
+            let mut row = if i == 0 { head.to_vec() } else { vec![String::new(); 3] };
             row.push((*name).clone());
             row.extend([cell(step.predicted.get(*name)), cell(step.measured.get(*name)), cell(step.gap.get(*name))]);
             rows.push(row);

@@ -23,6 +23,8 @@ use crate::language::stage::Stop;
 /// Share of the arm's greatest speeds that the host moves with, and the time in which it gets there, s.
 const SPEED: f64 = 0.5;
 const SPEED_UP: f64 = 0.4;
+/// Configurations of a motion at which inertia is looked at.
+const PROBES: usize = 12;
 /// Slower than this, rad/s or m/s, the arm is at rest; it is given this long to come to it, s.
 const AT_REST: f64 = 0.01;
 const REST_TIME: f64 = 2.0;
@@ -138,6 +140,7 @@ impl Live {
         let period = self.world.period();
         let (mut q, mut v) = (self.observation.q.clone(), self.observation.v.clone());
         let zero = vec![0.0; q.len()];
+        self.arm.tune(std::slice::from_ref(&q)).map_err(|e| broken("the arm's control", e))?;
         let mut left = REST_TIME;
         while left > 0.0 {
             for (q, v) in q.iter_mut().zip(&mut v) {
@@ -157,6 +160,8 @@ impl Live {
 
     fn follow(&mut self, trajectory: &JointTrajectory) -> Result<(), Stop> {
         let (period, start) = (self.world.period(), self.observation.time);
+        let way: Vec<Vec<f64>> = (0..PROBES).map(|i| trajectory.at_progress(i as f64 / (PROBES - 1) as f64)).collect();
+        self.arm.tune(&way).map_err(|e| broken("the arm's control", e))?;
         loop {
             if self.cancelled() {
                 self.come_to_rest()?;

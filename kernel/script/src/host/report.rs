@@ -38,6 +38,8 @@ pub struct RunReport {
 pub struct StepReport {
     /// The skill.
     pub skill: String,
+    /// The call as a person would write it.
+    pub call: String,
     /// Its arguments as a person would write them, by parameter.
     pub args: BTreeMap<String, String>,
     /// How it ended.

@@ -45,7 +45,7 @@ pub struct Kit {
     /// The skills.
     pub skills: Arc<SkillSet>,
     /// The object models.
-    pub models: Arc<dyn Models + Send + Sync>,
+    pub models: Arc<dyn Models>,
     /// The worlds; nothing moves without one.
     pub worlds: Option<Arc<dyn WorldSource>>,
     /// Finds objects in images.
@@ -216,7 +216,7 @@ impl Host {
                 other => broken("the world", other),
             });
         }
-        let arm = HostArm::new(&scene.robot, belief.X_WR, world.period()).map_err(|e| broken("the arm's control", e))?;
+        let arm = HostArm::new(&scene.robot, belief.X_WR, belief.gravity, world.period()).map_err(|e| broken("the arm's control", e))?;
         let things = scene
             .objects
             .iter()
@@ -437,6 +437,7 @@ impl Stage for Host {
         let args: BTreeMap<String, String> = arguments.iter().map(|(name, a)| (name.clone(), argument_words(a))).collect();
         let mut report = StepReport {
             skill: skill.manifest.name.clone(),
+            call: String::new(),
             args,
             status: StepStatus::Done,
             code: None,
@@ -452,6 +453,7 @@ impl Stage for Host {
         };
         let in_order: Vec<&str> = skill.manifest.parameters.iter().filter_map(|p| report.args.get(&p.name)).map(String::as_str).collect();
         let call = format!("{}({})", skill.manifest.name, in_order.join(", "));
+        report.call.clone_from(&call);
         self.used_skills.entry(skill.manifest.name.clone()).or_insert_with(|| skill.clone());
         let before = Instant::now();
         let result = self.perform(skill, arguments, &mut report, &call);
