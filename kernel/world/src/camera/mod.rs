@@ -14,6 +14,10 @@ use crate::perturbation::Perturbation;
 use crate::random::Random;
 use crate::{Scene, WorldError, convert};
 
+/// Rays begin this far from the optical centre, m. The centre lies at the face of the camera's own housing, and the
+/// mounting error may put it inside: what is modelled there is the camera itself, and its glass is clear.
+const GLASS: f64 = 0.01;
+
 /// The camera with everything it can see.
 pub(crate) struct Camera {
     spec: sagci_model::Camera,
@@ -112,11 +116,13 @@ impl Camera {
                     if c.center.coords.norm_squared() - forward * forward > c.radius * c.radius {
                         continue;
                     }
-                    let ray = Ray::new(convert::vector(&c.X_SC.translation.vector), convert::vector(&(c.X_SC.rotation * direction)));
-                    if let Some(hit) = c.surface.mesh.cast_local_ray_and_get_normal(&ray, best.min(1e3), false)
-                        && hit.time_of_impact < best
+                    let along_S = c.X_SC.rotation * direction;
+                    let start = c.X_SC.translation.vector + along_S * GLASS;
+                    let ray = Ray::new(convert::vector(&start), convert::vector(&along_S));
+                    if let Some(hit) = c.surface.mesh.cast_local_ray_and_get_normal(&ray, best.min(1e3) - GLASS, false)
+                        && hit.time_of_impact + GLASS < best
                     {
-                        best = hit.time_of_impact;
+                        best = hit.time_of_impact + GLASS;
                         let facing = hit.normal.dot(ray.dir).abs();
                         seen = Some((c.surface, hit.subshape, facing));
                     }
