@@ -19,6 +19,35 @@ pub struct Payload {
     pub I_Cm_T: Matrix3<f64>,
 }
 
+impl Payload {
+    /// A whole object that the tool holds at `X_TO`, with its joints at `q` (Steiner's theorem for each link).
+    pub fn of(model: &ObjectModel, X_TO: &Isometry3<f64>, q: &[f64]) -> Self {
+        let parts: Vec<(f64, Point3<f64>, Matrix3<f64>)> = model
+            .links
+            .iter()
+            .zip(model.X_OL(q))
+            .map(|(link, X_OL)| {
+                let X_TL = X_TO * X_OL;
+                let R = X_TL.rotation.to_rotation_matrix();
+                (link.inertial.mass, X_TL * link.inertial.p_LoLcm, R * link.inertial.I_LLcm_L * R.transpose())
+            })
+            .collect();
+        let mass: f64 = parts.iter().map(|p| p.0).sum();
+        if mass <= 0.0 {
+            return Self { mass: 0.0, p_TCm: Point3::origin(), I_Cm_T: Matrix3::zeros() };
+        }
+        let center = Point3::from(parts.iter().map(|(m, p, _)| p.coords * *m).sum::<Vector3<f64>>() / mass);
+        let inertia = parts
+            .iter()
+            .map(|(m, p, I)| {
+                let d = p - center;
+                I + (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * *m
+            })
+            .sum();
+        Self { mass, p_TCm: center, I_Cm_T: inertia }
+    }
+}
+
 /// A robot arm with its gripper: what its model says at the state that was measured last.
 ///
 /// Vectors by joint follow the robot's `arm_joints`. The fingers stand at the measured opening and do not accelerate.

@@ -1,10 +1,8 @@
 //! What every skill of an arm needs to plan: the scene, arguments, free motions, timing, and failures in words.
 
-use nalgebra::{Matrix3, Point3};
-use sagci_control::Payload;
 use sagci_model::JointKind;
 use sagci_planning::{
-    CollisionWorld, Destination, FreeMotionOptions, JointTrajectory, MotionLimits, PlanError, Scene, SceneObject, free_motion, time_path,
+    CollisionWorld, Destination, FreeMotionOptions, JointTrajectory, MotionLimits, PlanError, Scene, free_motion, time_path,
 };
 use sagci_signal::GripperCommand;
 use sagci_skill::{Argument, Failure, FailureCode, Place, PlanRequest, PlanSummary};
@@ -191,18 +189,6 @@ impl<'a> Bench<'a> {
         let (share, seconds, speed, turn) = pace.limits();
         let limits = MotionLimits { tool: Some((arm, speed, turn)), ..MotionLimits::of_arm(arm, share, seconds) };
         time_path(path, &limits).map_err(failure_of)
-    }
-
-    /// What the hand carries with an object in it.
-    pub fn payload(&self, object: &SceneObject, X_TO: &nalgebra::Isometry3<f64>) -> Payload {
-        let mut mass = 0.0;
-        let mut moment = nalgebra::Vector3::zeros();
-        for (link, X_OL) in object.model.links.iter().zip(object.model.X_OL(&object.q)) {
-            mass += link.inertial.mass;
-            moment += link.inertial.mass * (X_TO * X_OL * link.inertial.p_LoLcm).coords;
-        }
-        // What can be carried is small beside the hand: its own turning inertia does not matter.
-        Payload { mass, p_TCm: Point3::from(if mass > 0.0 { moment / mass } else { moment }), I_Cm_T: Matrix3::zeros() }
     }
 
     /// An empty sequence for the arm.

@@ -1,9 +1,7 @@
 //! Follows one trajectory; see the crate's comment for its clock.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
-use sagci_control::{
-    ArmModel, CartesianImpedance, CartesianReference, ControlError, Damping, JointImpedance, JointReference, Posture, WrenchFilter,
-};
+use sagci_control::{CartesianImpedance, CartesianReference, ControlError, Damping, JointImpedance, JointReference, Posture, WrenchFilter};
 use sagci_planning::{ArmKinematics, JointTrajectory};
 use sagci_signal::{Command, GripperCommand, Observation};
 use sagci_skill::{Failure, FailureCode};
@@ -25,11 +23,9 @@ const ANCHOR: f64 = 0.04;
 const WRENCH_CUTOFF: f64 = 20.0;
 /// Time over which an offset at the start of a joint trajectory is taken back, s.
 const BLEND_SECONDS: f64 = 1.0;
-/// Greatest natural frequency of a joint under the stiff law, rad/s: velocities come filtered at about 100 Hz.
-const FREQUENCY: f64 = 80.0;
-/// Configurations of a trajectory at which inertia is looked at.
+/// Configurations of a trajectory for which the joints' law is tuned.
 const PROBES: usize = 12;
-/// Damping ratio of both laws.
+/// Damping ratio of the tool's law.
 const RATIO: f64 = 0.9;
 
 /// How a segment stands after a period.
@@ -64,7 +60,10 @@ impl Following {
         let start = follow.trajectory.sample(0.0).q;
         let mut anchor = Vector3::zeros();
         let law = match &follow.law {
-            Law::Joints => Controller::Joints(joint_law(&arm.model, &follow.trajectory)?),
+            Law::Joints => {
+                let way: Vec<Vec<f64>> = (0..PROBES).map(|i| follow.trajectory.at_progress(i as f64 / (PROBES - 1) as f64)).collect();
+                Controller::Joints(JointImpedance::tuned(&arm.model, &way)?)
+            }
             Law::Tool { along, across, turning, anchored, .. } => {
                 if *anchored {
                     let miss = arm.model.X_WT().translation.vector - arm.kinematics.X_WT(&start).translation.vector;
@@ -197,25 +196,6 @@ impl Following {
         let speed = arm.model.V_WT().fixed_rows::<3>(3).norm();
         if self.settling > SETTLE_SECONDS || (self.settling > 0.1 && speed < REST_SPEED) { Outcome::Done } else { Outcome::Going }
     }
-}
-
-/// A stiff law for any arm along a trajectory.
-///
-/// What a joint's spring and damper feel is its inertia with the other joints free, `m_i = 1 / (M^-1)_ii`: where two axes
-/// come to lie in line it is far less than `M_ii`. With the least `m_i` on the way, stiffness is bounded by the frequency that
-/// the sensors' delay leaves stable, and the damping follows from both.
-fn joint_law(arm: &ArmModel, trajectory: &JointTrajectory) -> Result<JointImpedance, ControlError> {
-    let mut probe = arm.clone();
-    let zero = vec![0.0; arm.n()];
-    let mut inertia = vec![f64::INFINITY; arm.n()];
-    for i in 0..PROBES {
-        probe.update(&trajectory.at_progress(i as f64 / (PROBES - 1) as f64), &zero, 0.0)?;
-        let Some(inverse) = probe.mass_matrix().clone().try_inverse() else { continue };
-        inertia.iter_mut().enumerate().for_each(|(j, m)| *m = m.min(1.0 / inverse[(j, j)]));
-    }
-    let stiffness: Vec<f64> = inertia.iter().zip(arm.limits()).map(|(m, l)| (m * FREQUENCY * FREQUENCY).min(8.0 * l.effort)).collect();
-    let damping: Vec<f64> = stiffness.iter().zip(&inertia).map(|(k, m)| 2.0 * RATIO * (k * m).sqrt()).collect();
-    JointImpedance::new(arm, &stiffness, &damping)
 }
 
 /// Direction in which the tool sets off.

@@ -1,5 +1,6 @@
 //! Takes an object with the gripper and lifts it, by a grasp that also allows to put it where it is to go.
 
+use sagci_control::Payload;
 use sagci_execution::{Bench, Fingers, Guard, Pace, Segment, bad_argument, failure_of, through_air, with_feeling};
 use sagci_planning::{PickPlan, TransferOptions, plan_pick};
 use sagci_signal::GripperCommand;
@@ -72,7 +73,7 @@ fn carry_out(bench: &Bench, object: usize, plan: &PickPlan) -> Result<Plan, Fail
     sequence.phase("reach the object", [through_air(reach, open, 0.0)]);
     sequence.phase("approach the object", [with_feeling(approach, open, false, feel, 0.0)]);
     let grip = Fingers { gripper: shut, expected, yielding: true, timeout: 2.0 };
-    let payload = bench.payload(entry, &plan.X_TO);
+    let payload = Payload::of(&entry.model, &plan.X_TO, &entry.q);
     sequence.phase("grip the object", [Segment::Fingers(grip), Segment::Carry(Some(payload))]);
     sequence.phase("lift the object", [with_feeling(lift, shut, true, feel, least)]);
     sequence.phase("carry the object", [through_air(back, shut, least)]);

@@ -1,6 +1,7 @@
 //! Puts the object that the gripper holds into something or onto the table, and lets go.
 
 use nalgebra::Vector3;
+use sagci_control::Payload;
 use sagci_execution::{Bench, Fingers, Guard, Pace, Segment, bad_argument, failure_of, through_air, with_feeling};
 use sagci_planning::{PlacePlan, TransferOptions, plan_place};
 use sagci_signal::GripperCommand;
@@ -72,7 +73,7 @@ fn carry_out(bench: &Bench, object: usize, place: &Destination, plan: &PlacePlan
     let feel = Guard::Overload { limit: 30.0 };
     let down = Guard::Touch { force: STANDS, direction: -Vector3::z(), limit: 30.0 };
     let mut sequence = bench.sequence(shut)?;
-    let payload = bench.payload(entry, &X_TO);
+    let payload = Payload::of(&entry.model, &X_TO, &entry.q);
     sequence.phase("bring the object", [Segment::Carry(Some(payload)), through_air(reach, shut, least)]);
     sequence.phase("put the object down", [with_feeling(insert, shut, false, down, least)]);
     let put_down = 1;
