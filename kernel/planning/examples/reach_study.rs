@@ -106,6 +106,9 @@ fn in_holds(scene: &Scene, from: f64, to: f64, ready: &[f64], layout: &Layout, s
     Ok(said)
 }
 
+/// Done, tried, seconds, and failures by their words.
+type Tally = (usize, usize, f64, BTreeMap<String, usize>);
+
 fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<ObjectModel>>) -> Stages {
     let mut random = Pcg64::seed_from_u64(seed);
     let (shift, turn) = (layout.get("shift", 0.1), layout.get("turn", 15.0_f64).to_radians());
@@ -199,7 +202,7 @@ fn main() {
     }
     let verbose = layout.get("verbose", 0.0) > 0.0;
     let mut order: Vec<&'static str> = Vec::new();
-    let mut done: BTreeMap<&'static str, (usize, usize, f64, BTreeMap<String, usize>)> = BTreeMap::new();
+    let mut done: BTreeMap<&'static str, Tally> = BTreeMap::new();
     let mut whole = 0;
     for seed in 1..=seeds {
         let stages = study(&task, &layout, seed, &models);

@@ -9,7 +9,7 @@ use sagci_dynamics::{Multibody, Part, System};
 use sagci_model::{JointKind, ObjectModel};
 
 use crate::inverse::InverseOptions;
-use crate::object_motion::{ObjectMotionOptions, ObjectTrajectory, object_motion};
+use crate::object_motion::{JointDynamics, ObjectMotionOptions, ObjectTrajectory, object_motion};
 use crate::path::{PathOptions, ToolPath, Waypoint, arm_path};
 use crate::{ArmKinematics, CollisionWorld, Contact, Grasp, GraspOptions, PlanError, Scene, grasps};
 
@@ -114,7 +114,7 @@ pub fn joint_dynamics<'a>(
     gravity: nalgebra::Vector3<f64>,
     q_other: &[f64],
     joint: usize,
-) -> Result<Box<dyn Fn(f64, f64, f64) -> f64 + 'a>, PlanError> {
+) -> Result<Box<JointDynamics<'a>>, PlanError> {
     let lacks = |message: String| PlanError::ModelLacks { model: model.name.clone(), message };
     let mut system = System::new(&[Part::welded(model, *X_WO)]).map_err(|e| lacks(e.to_string()))?;
     system.multibody_mut().set_gravity(gravity);
@@ -138,8 +138,11 @@ pub fn joint_dynamics<'a>(
     }))
 }
 
-/// Efforts that hold the arm against gravity, by its joint order.
-pub(crate) fn gravity_of_arm(scene: &Scene) -> Option<Box<dyn Fn(&[f64]) -> Vec<f64>>> {
+/// Efforts that hold the arm against gravity at a configuration, by its joint order.
+type GravityEfforts = dyn Fn(&[f64]) -> Vec<f64>;
+
+/// [`GravityEfforts`] of the scene's arm, if its model is one that can be simulated.
+fn gravity_of_arm(scene: &Scene) -> Option<Box<GravityEfforts>> {
     let names = &scene.robot.document.robot.as_ref()?.arm_joints;
     let mut body = Multibody::welded(&scene.robot, scene.X_WR).ok()?;
     body.set_gravity(scene.gravity);
@@ -445,10 +448,9 @@ fn try_grasp(
         }
         let moving = path.waypoints[i].stage == MOVE;
         // At both ends of the motion the gripper is also open, before it shuts and after it lets go.
-        if moving && (i == steps || i + steps + 1 == joint_at.len()) {
-            if let Some(c) = near.check(&q[..arm_n], grasp.width) {
-                return Some(c);
-            }
+        let open_too = moving && (i == steps || i + steps + 1 == joint_at.len());
+        if open_too && let Some(c) = near.check(&q[..arm_n], grasp.width) {
+            return Some(c);
         }
         near.check(&q[..arm_n], if moving { grasp.hold_width } else { grasp.width })
     };
@@ -488,7 +490,7 @@ fn try_grasp(
 }
 
 /// The torque that u* takes, on top of the arm's weight.
-fn judge(arm: &ArmKinematics, gravity: Option<&dyn Fn(&[f64]) -> Vec<f64>>, plan: &mut ArticulationPlan) -> Result<(), PlanError> {
+fn judge(arm: &ArmKinematics, gravity: Option<&GravityEfforts>, plan: &mut ArticulationPlan) -> Result<(), PlanError> {
     let n = plan.path.len();
     for k in 0..n {
         let (a, b) = (k.saturating_sub(1), (k + 1).min(n - 1));

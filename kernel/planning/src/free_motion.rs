@@ -94,7 +94,7 @@ impl Checker<'_> {
             let mut k = stride;
             while k < n {
                 // Multiples of twice the stride were checked before.
-                if stride == n.next_power_of_two() || k % (2 * stride) != 0 {
+                if stride == n.next_power_of_two() || !k.is_multiple_of(2 * stride) {
                     interpolate(a, b, k as f64 / n as f64, &mut at);
                     if !self.free(&at) {
                         return false;

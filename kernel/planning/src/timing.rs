@@ -218,9 +218,9 @@ impl Grid {
         for s in s {
             spline.at(*s, &mut q, &mut d, &mut dd);
             let mut b = f64::INFINITY;
-            for j in 0..n {
-                if d[j].abs() > 1e-12 {
-                    b = b.min((limits.velocity[j] / d[j]).powi(2));
+            for (d, limit) in d.iter().zip(&limits.velocity) {
+                if d.abs() > 1e-12 {
+                    b = b.min((limit / d).powi(2));
                 }
             }
             if let Some((arm, speed, turn)) = &limits.tool {
@@ -300,8 +300,8 @@ fn solve(s: &[f64], grid: &Grid, limits: &MotionLimits) -> Result<Vec<f64>, Plan
     let mut cones: Vec<SupportedConeT<f64>> = Vec::new();
     rows.add(&[(B, 1.0)], 0.0);
     rows.add(&[(B + k, 1.0)], 0.0);
-    for i in 0..k {
-        rows.add(&[(B + i + 1, 1.0), (B + i, -1.0), (A + i, -2.0 * h[i])], 0.0);
+    for (i, h) in h.iter().enumerate().take(k) {
+        rows.add(&[(B + i + 1, 1.0), (B + i, -1.0), (A + i, -2.0 * h)], 0.0);
     }
     cones.push(ZeroConeT(k + 2));
     let linear = rows.b.len();

@@ -63,7 +63,7 @@ fn a_blocked_start_or_goal_is_named() {
         matches!(&error, PlanError::Collision { second, message, .. } if second.starts_with("drawer/") && message.contains("goal")),
         "{error}"
     );
-    let error = free_motion(&world, &blocked[0], &[start.clone()], 0.08, &FreeMotionOptions::default(), &|| false).unwrap_err();
+    let error = free_motion(&world, &blocked[0], std::slice::from_ref(&start), 0.08, &FreeMotionOptions::default(), &|| false).unwrap_err();
     assert!(matches!(&error, PlanError::Collision { message, .. } if message.contains("start")), "{error}");
     let error = free_motion(&world, &start, &[vec![0.0; 3]], 0.08, &FreeMotionOptions::default(), &|| false).unwrap_err();
     assert!(matches!(error, PlanError::BadInput { .. }));
