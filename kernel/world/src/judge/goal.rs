@@ -315,3 +315,64 @@ fn amount(hinge: bool, deg: Option<f64>, cm: Option<f64>, name: &str) -> Result<
         (false, ..) => Err(format!("this joint slides: give {name}_cm, and not {name}_deg")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::testing::{put, scene};
+
+    fn parse(text: &str) -> Result<Goals, GoalError> {
+        Goals::parse(text, Path::new("run.check.yaml"))
+    }
+
+    fn setting() -> Scene {
+        let mut scene = scene("gantry", "high");
+        put(&mut scene, "door", [0.5, 0.0, 0.0]);
+        put(&mut scene, "cup", [0.3, -0.4, 0.0]);
+        scene
+    }
+
+    #[test]
+    fn goals_survive_being_written_and_read_again() {
+        let goals = parse(
+            "goals:\n  - joint_passed: { object: door, joint: hinge, past_deg: 60 }\n  - inside: { object: cup, of: door, region: behind }\n  - still: { object: cup }\n",
+        )
+        .unwrap();
+        assert_eq!(parse(&serde_yaml::to_string(&goals).unwrap()).unwrap(), goals);
+        goals.check(&setting()).unwrap();
+    }
+
+    #[test]
+    fn a_bad_file_is_refused_with_its_line() {
+        for (text, line, says) in [
+            ("goals:\n  - inside: { object: cup, of: door }\n  - levitating: { object: cup }\n", 3, "levitating"),
+            ("goals:\n  - still: { object: cup }\n  - upright: { object: cup, within: 5 }\n", 3, "within"),
+            ("goals:\n  - upright: { object: cup }\n", 2, "within_deg"),
+            ("goals:\n  - upright: { object: cup, within_deg: [\n", 2, ""),
+            ("gaols: []\n", 1, "gaols"),
+        ] {
+            let error = parse(text).unwrap_err();
+            let GoalError::Malformed { line: found, .. } = &error else { unreachable!() };
+            assert!(found.is_some_and(|l| l.abs_diff(line) <= 1), "{text}: line {found:?}: {error}");
+            assert!(error.to_string().contains(says) && error.to_string().starts_with("run.check.yaml:"), "{error}");
+        }
+        assert!(parse("goals: []\n").is_err());
+        assert!(Goals::read(Path::new("no/such/file.yaml")).unwrap_err().to_string().contains("no/such/file.yaml"));
+    }
+
+    #[test]
+    fn a_goal_about_what_is_not_there_is_refused_before_the_run() {
+        for (goal, says) in [
+            ("still: { object: cat }", "it has [door, cup]"),
+            ("joint_passed: { object: door, joint: hinges, past_deg: 3 }", "it has [hinge]"),
+            ("joint_passed: { object: door, joint: hinge, past_cm: 3 }", "past_deg"),
+            ("inside: { object: cup, of: door, region: within }", "it has [behind]"),
+            ("upright: { object: cup, within_deg: .nan }", "finite"),
+        ] {
+            let goals = parse(&format!("goals:\n  - still: {{ object: cup }}\n  - {goal}\n")).unwrap();
+            let error = goals.check(&setting()).unwrap_err().to_string();
+            assert!(error.starts_with("goal 2") && error.contains(says), "{error}");
+        }
+    }
+}

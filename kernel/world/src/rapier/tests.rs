@@ -427,3 +427,43 @@ fn speed_is_printed() {
     }
     println!("{:.2} ms an image", start.elapsed().as_secs_f64() * 100.0);
 }
+
+/// Angle of the bar, and height of the hand, after a bar of 20 mm radius was turned in the grip under a load along the pads.
+fn roll(load: f64, torque: f64) -> (f64, f64) {
+    let mut scene = scene("gantry", "roll");
+    let mut roller = model("roller");
+    roller.document.effects.push(EffectEntry {
+        effect: "torque_bias".into(),
+        joint: Some("axle".into()),
+        parameters: [("bias".to_owned(), -torque)].into(),
+    });
+    put_model(&mut scene, "roller", roller, [0.0, 0.0, 0.0]);
+    let mut world = world(&scene, 1, exact());
+    let state = |world: &RapierWorld| {
+        let state = world.state.as_ref().unwrap();
+        [state.joint_state(1, 0).0, state.joint_state(0, 0).0]
+    };
+    let mut before = [0.0; 2];
+    for i in 0..1800 {
+        let (q, v) = world.state.as_ref().unwrap().joint_state(0, 0);
+        let hold = if i < 600 { -2000.0 * q - 60.0 * v } else { load };
+        let tau = gravity_compensation(&world)[0] + hold;
+        world.advance(&Command { tau: vec![tau], gripper: GripperCommand { width: 0.0, force: 40.0 } }).unwrap();
+        if i == 900 {
+            before = state(&world);
+        }
+    }
+    let after = state(&world);
+    (after[0] - before[0], after[1] - before[1])
+}
+
+#[test]
+fn a_bar_that_is_turned_in_the_grip_rolls_under_load() {
+    // Both pads drag in opposite directions, so a load along them is carried by neither: the hand gives way until it rolls
+    // on one of the pads. Without turning, friction holds 8 N easily.
+    let (angle, shift) = roll(8.0, 0.0);
+    assert!(angle.abs() < 1e-3 && shift.abs() < 1e-4, "turned by {angle} rad, moved by {shift} m");
+    let (angle, shift) = roll(8.0, 3.0);
+    assert!(angle > 0.15, "turned by {angle} rad");
+    assert!((shift - 0.02 * angle).abs() < 0.15 * 0.02 * angle, "turned by {angle} rad, moved by {shift} m");
+}

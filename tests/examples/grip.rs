@@ -1,7 +1,7 @@
 //! Tries the measured world by hand: pulls the microwave's door open by its handle and lifts the mug by its rim, by
 //! friction alone, under an impedance controller that knows the exact poses. Prints what the judge says and the speed.
 //!
-//! `cargo run --release -p sagci-world --example grip -- [door|mug|speed] [seed]`; with a seed the physical parameters
+//! `cargo run --release -p sagci-tests --example grip -- [door|mug|speed] [seed]`; with a seed the physical parameters
 //! are drawn (the poses stay), without one the world is exactly as modelled.
 #![allow(clippy::unwrap_used)]
 
@@ -10,14 +10,15 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
-use sagci_control::{ArmModel, CartesianImpedance, CartesianReference, Damping};
-use sagci_model::ObjectModel;
+use sagci_control::{ArmModel, CartesianImpedance, CartesianReference, Damping, Posture};
+use sagci_model::{GraspHint, ObjectModel};
+use sagci_planning::{ArmKinematics, ArticulationRequest, CollisionWorld, FreeMotionOptions, free_motion, plan_articulation};
 use sagci_signal::{Command, GripperCommand};
 use sagci_world::judge::{Goals, Verdict};
 use sagci_world::{Perturbation, Placement, Scene, SceneObject, WorldOptions, open};
 
 fn model(name: &str) -> Arc<ObjectModel> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models").join(name);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../world-models").join(name);
     let head = std::fs::read_to_string(folder.join("HEAD")).unwrap();
     Arc::new(ObjectModel::read(folder.join(head.trim())).unwrap())
 }
@@ -29,6 +30,7 @@ struct Driver {
     command: Command,
     target: Isometry3<f64>,
     verbose: bool,
+    posture: Option<Box<dyn Fn(f64) -> Posture>>,
 }
 
 impl Driver {
@@ -42,7 +44,7 @@ impl Driver {
         let law = CartesianImpedance::new(&arm, CartesianImpedance::diagonal(40.0, [800.0; 3]), Damping::Ratio(1.0)).unwrap();
         let target = *arm.X_WT();
         let command = Command { tau: vec![0.0; 7], gripper: GripperCommand { width: 0.08, force: 20.0 } };
-        Self { world, arm, law, command, target, verbose: std::env::var("VERBOSE").is_ok() }
+        Self { world, arm, law, command, target, verbose: std::env::var("VERBOSE").is_ok(), posture: None }
     }
 
     /// Follows a path of tool poses over `seconds`; `path` maps 0..1 to a pose.
@@ -60,6 +62,9 @@ impl Driver {
             let v = (next.translation.vector - now.translation.vector) / dt;
             let reference = CartesianReference { V_WD: Vector6::new(w.x, w.y, w.z, v.x, v.y, v.z), ..CartesianReference::at(now) };
             let observation = self.world.observe();
+            if let Some(posture) = &self.posture {
+                self.law.set_posture(&posture(s(i as f64 / n as f64))).unwrap();
+            }
             self.law.step(&mut self.arm, &observation, &reference, dt, &mut self.command).unwrap();
             self.world.advance(&self.command).unwrap();
             if self.verbose && i % 250 == 0 {
@@ -123,28 +128,52 @@ fn turn(x: Vector3<f64>, y: Vector3<f64>, z: Vector3<f64>) -> UnitQuaternion<f64
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, z])))
 }
 
+fn between(path: &[Vec<f64>], s: f64) -> Vec<f64> {
+    let x = s * (path.len() - 1) as f64;
+    let i = (x as usize).min(path.len().saturating_sub(2));
+    let j = (i + 1).min(path.len() - 1);
+    path[i].iter().zip(&path[j]).map(|(a, b)| a + (x - i as f64) * (b - a)).collect()
+}
+
+/// Along joint positions, evenly in their number; the arm's posture follows them too.
+fn along(driver: &mut Driver, name: &str, seconds: f64, arm: &ArmKinematics, path: &[Vec<f64>]) {
+    let points = path.to_vec();
+    driver.posture = Some(Box::new(move |s| Posture { q: between(&points, s), stiffness: 30.0, damping: 3.0 }));
+    driver.follow(name, seconds, |s| arm.X_WT(&between(path, s)));
+    driver.posture = None;
+}
+
 fn door(seed: Option<u64>) -> Verdict {
-    let scene = scene();
-    let microwave = &scene.objects[0].model;
-    let Placement::World(X_WO) = scene.objects[0].placement else { unreachable!() };
-    let sagci_model::GraspHint::Bar(bar) = &microwave.document.grasps[0] else { unreachable!() };
-    let link = microwave.link(&bar.link).unwrap();
-    let X_WD = X_WO * microwave.X_OL(&[0.0])[link];
-    let handle = X_WD * nalgebra::center(&bar.from.into(), &bar.to.into());
-    // The hand leans down: the handle is low and near.
-    let lean = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.3);
-    let R = lean * turn(Vector3::z(), -Vector3::y(), Vector3::x());
-    let grasp = Isometry3::from_parts(Translation3::from(handle.coords), R);
-    let back = |d: f64| grasp * Translation3::new(0.0, 0.0, -d);
-    let mut driver = Driver::new(&scene, seed);
-    driver.go("approach", 3.0, back(0.12));
-    driver.go("reach", 1.5, grasp);
-    driver.grip("close", 0.0, 40.0);
-    let hinge = |angle: f64| {
-        let axis = X_WO * microwave.X_PC(0, 0.0) * Isometry3::identity();
-        axis * Isometry3::rotation(microwave.joints[0].axis.into_inner() * angle) * axis.inverse()
+    let mut scene = scene();
+    if let Some(GraspHint::Bar(bar)) = Arc::make_mut(&mut scene.objects[0].model).document.grasps.first_mut() {
+        bar.swing = std::env::var("SWING").ok().and_then(|s| s.parse().ok()).unwrap_or(bar.swing);
+    }
+    let objects = scene.objects.iter().map(|o| {
+        let Placement::World(X_WO) = o.placement else { unreachable!() };
+        sagci_planning::SceneObject { name: o.name.clone(), model: o.model.clone(), X_WO, q: o.q.clone(), X_TO: None }
+    });
+    let planned = sagci_planning::Scene {
+        robot: scene.robot.clone(),
+        X_WR: Isometry3::identity(),
+        table_height: 0.0,
+        gravity: Vector3::z() * -9.81,
+        objects: objects.collect(),
     };
-    driver.follow("pull", 6.0, |s| hinge(s * 70f64.to_radians()) * grasp);
+    let collisions = CollisionWorld::new(&planned).unwrap();
+    let arm = ArmKinematics::new(&scene.robot, &Isometry3::identity()).unwrap();
+    let ready = scene.robot.document.robot.as_ref().unwrap().configurations[0].q.clone();
+    let request = ArticulationRequest::new(0, 0, 0.0, 70f64.to_radians(), &ready);
+    let plan = plan_articulation(&planned, &collisions, &request, &|| false).unwrap().remove(0);
+    println!(
+        "the grip turns about the bar by {:.2?} rad",
+        plan.freedom.iter().map(|f| f - plan.freedom[0]).fold([0f64; 2], |[a, b], x| [a.min(x), b.max(x)])
+    );
+    let reach = free_motion(&collisions, &ready, &plan.approach[..1], 0.08, &FreeMotionOptions::default(), &|| false).unwrap();
+    let mut driver = Driver::new(&scene, seed);
+    along(&mut driver, "approach", 4.0, &arm, &reach.q);
+    along(&mut driver, "reach", 2.0, &arm, &plan.approach);
+    driver.grip("close", 0.0, 40.0);
+    along(&mut driver, "pull", 5.0, &arm, &plan.path);
     driver.judge("goals:\n  - joint_passed: { object: microwave, joint: door_hinge, past_deg: 60 }\n  - joint_at: { object: microwave, joint: door_hinge, at_deg: 70, within_deg: 5 }\n")
 }
 
