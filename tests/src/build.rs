@@ -39,8 +39,11 @@ pub fn rustc_library(source: &Path, library: &Path, extra: &[&str]) -> Result<()
 /// Builds the skill `push` into `folder/push`, against the `sagci_skill` that this test is built with.
 pub fn build_push(folder: &Path, extra: &[&str]) -> Built {
     let home = folder.join("push");
-    let source = write(home.join("source/push.rs"), PUSH_SOURCE);
-    write(home.join("source/skill.yaml"), PUSH_YAML);
+    // Elsewhere: a manifest among the skills would be a skill.
+    let workshop = tempfile::tempdir().unwrap();
+    let source = write(workshop.path().join("push.rs"), PUSH_SOURCE);
+    write(workshop.path().join("skill.yaml"), PUSH_YAML);
+    std::fs::create_dir_all(&home).unwrap();
     let library = home.join(library_file_name("sagci_skill_push"));
     // Several builds of the crate may lie about, with other features; any of them will do, the newest first.
     let mut rlibs: Vec<PathBuf> = std::fs::read_dir(deps())

@@ -71,8 +71,7 @@ impl ToyModels {
         write(at("chest/model.yaml"), CHEST_YAML);
         write(at("cube/object.urdf"), CUBE);
         write(at("cube/model.yaml"), "schema: 1\nname: cube\nmovable: true\n");
-        let mut models: Vec<_> =
-            ["chest", "cube"].map(|name| (name.to_owned(), Arc::new(ObjectModel::read(at(name)).unwrap()))).to_vec();
+        let mut models: Vec<_> = ["chest", "cube"].map(|name| (name.to_owned(), Arc::new(ObjectModel::read(at(name)).unwrap()))).to_vec();
         models.push(("panda".to_owned(), panda()));
         Self { _folder: folder, models }
     }

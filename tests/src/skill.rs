@@ -40,7 +40,12 @@ impl Skill for ScriptedSkill {
             abi: sagci_skill::abi::ABI,
             summary: "Made up by a test".to_owned(),
             parameters: parameters
-                .map(|(name, kind, required)| Parameter { name: (*name).to_owned(), kind: *kind, required: *required, summary: String::new() })
+                .map(|(name, kind, required)| Parameter {
+                    name: (*name).to_owned(),
+                    kind: *kind,
+                    required: *required,
+                    summary: String::new(),
+                })
                 .collect(),
             library: "none".to_owned(),
             entry: "none".to_owned(),

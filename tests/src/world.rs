@@ -29,8 +29,7 @@ impl World for FakeWorld {
         let robot = scene.robot.document.robot.as_ref().unwrap();
         let q = robot.configurations.iter().find(|c| c.name == scene.start).unwrap().q.clone();
         self.arm = Some(ArmModel::new(&scene.robot, Isometry3::identity()).unwrap());
-        self.observation =
-            Observation { v: vec![0.0; q.len()], tau: vec![0.0; q.len()], q, gripper_width: 0.08, ..Observation::default() };
+        self.observation = Observation { v: vec![0.0; q.len()], tau: vec![0.0; q.len()], q, gripper_width: 0.08, ..Observation::default() };
         Ok(())
     }
 
@@ -89,12 +88,7 @@ impl WorldSource for FakeWorlds {
 pub struct FakeEyes(pub Truth);
 
 impl Perceive for FakeEyes {
-    fn locate(
-        &self,
-        _: &[View],
-        _: f64,
-        requests: &[SceneRequest<'_>],
-    ) -> Result<Vec<Result<Located, PerceptionError>>, PerceptionError> {
+    fn locate(&self, _: &[View], _: f64, requests: &[SceneRequest<'_>]) -> Result<Vec<Result<Located, PerceptionError>>, PerceptionError> {
         let truth = self.0.lock().unwrap();
         let answer = |r: &SceneRequest<'_>| match truth.iter().find(|(n, _, _, seen)| *n == r.name && *seen) {
             None => Err(PerceptionError::NotVisible { object: r.name.clone(), hidden_share: 1.0, best_visible_share: 0.0 }),

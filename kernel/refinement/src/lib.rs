@@ -1,1 +1,2 @@
 //! refinement
+#![forbid(unsafe_code)]

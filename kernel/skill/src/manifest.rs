@@ -52,7 +52,7 @@ impl Manifest {
             return impossible("entry", "must be the name of the function that export_skill! defines");
         }
         if self.library.is_empty() || self.library.contains(['/', '\\']) {
-            return impossible("library", "must be the library's name without folder, prefix and ending, such as sagci_skill_open");
+            return impossible("library", "must be the library's name without folder, prefix and ending, such as sagci_skill_wave");
         }
         for (i, parameter) in self.parameters.iter().enumerate() {
             let field = format!("parameters[{i}]");

@@ -1,4 +1,5 @@
 //! Shuts a door, a drawer or a lid by its handle: the joint moves to its lower end and is pressed against it.
+#![deny(unsafe_code)]
 
 use sagci_execution::{Bench, Motion, articulate};
 use sagci_model::JointKind;

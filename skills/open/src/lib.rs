@@ -1,4 +1,5 @@
 //! Opens a door, a drawer or a lid by its handle: the joint moves toward its upper end.
+#![deny(unsafe_code)]
 
 use sagci_execution::{Bench, Motion, articulate, bad_argument};
 use sagci_model::JointKind;

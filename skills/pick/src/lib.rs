@@ -1,4 +1,5 @@
 //! Takes an object with the gripper and lifts it, by a grasp that also allows to put it where it is to go.
+#![deny(unsafe_code)]
 
 use sagci_control::Payload;
 use sagci_execution::{Bench, Fingers, Guard, Pace, Segment, bad_argument, failure_of, through_air, with_feeling};

@@ -1,4 +1,5 @@
 //! Puts the object that the gripper holds into something or onto the table, and lets go.
+#![deny(unsafe_code)]
 
 use nalgebra::Vector3;
 use sagci_control::Payload;

@@ -139,7 +139,8 @@ impl Checker<'_> {
             self.name_is_free(&name, Position::NONE);
             // A function sees its parameters and nothing of the script's variables.
             let outer = std::mem::replace(&mut self.scopes, vec![parameters.iter().map(|p| (p.clone(), Guess::UNKNOWN)).collect()]);
-            let body = ast.clone_functions_only_filtered(|_, _, _, n, arity| n == name && arity == parameters.len());
+            let mut body = ast.clone_functions_only();
+            body.retain_functions(|_, _, n, arity| n == name && arity == parameters.len());
             body.walk(&mut |path: &[ASTNode<'_>]| {
                 if let [ASTNode::Stmt(statement)] = path {
                     self.statement(statement);

@@ -157,12 +157,10 @@ fn refuse_with(position: Position, message: String, hint: &str) -> Raised {
     refuse(Refusal { message, hint: (!hint.is_empty()).then(|| hint.to_owned()) }, position)
 }
 
-impl From<Quantity> for Dynamic {
-    fn from(quantity: Quantity) -> Self {
-        match quantity {
-            Quantity::Angle(a) => Dynamic::from(a),
-            Quantity::Length(l) => Dynamic::from(l),
-        }
+fn quantity_value(quantity: Quantity) -> Dynamic {
+    match quantity {
+        Quantity::Angle(a) => Dynamic::from(a),
+        Quantity::Length(l) => Dynamic::from(l),
     }
 }
 
@@ -187,8 +185,20 @@ fn register_scene(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     let believed = stage.clone();
     engine.register_get("position", move |context: NativeCallContext, object: &mut ObjectHandle| {
         let quantity = believed.borrow_mut().position(&object.name, object.joint.as_deref());
-        quantity.map(Dynamic::from).map_err(|r| refuse(r, context.call_position()))
+        quantity.map(quantity_value).map_err(|r| refuse(r, context.call_position()))
     });
+    // Rhai compares what it does not know how to compare, and finds it different; that would hide a forgotten unit.
+    let kinds = [TypeId::of::<Angle>(), TypeId::of::<Length>(), TypeId::of::<INT>(), TypeId::of::<FLOAT>()];
+    for (a, b) in (0..4).flat_map(|a| (0..4).map(move |b| (a, b))).filter(|(a, b)| a != b && (*a < 2 || *b < 2)) {
+        for operator in ["<", "<=", ">", ">=", "==", "!="] {
+            let fault = move |context: NativeCallContext, args: &mut [&mut Dynamic]| -> Result<bool, Raised> {
+                let (left, right) = (Kind::of(args[0]).words(), Kind::of(args[1]).words());
+                let message = format!("{left} cannot be compared with {right}");
+                Err(refuse_with(context.call_position(), message, "give both a unit, such as deg(90) or cm(5)"))
+            };
+            engine.register_raw_fn(operator, [kinds[a], kinds[b]], fault);
+        }
+    }
     // A unit is never guessed.
     for (name, ours) in
         value::ANGLE_UNITS.iter().map(|(n, _)| (*n, "an angle")).chain(value::LENGTH_UNITS.iter().map(|(n, _)| (*n, "a length")))

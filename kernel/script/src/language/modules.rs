@@ -4,7 +4,10 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use rhai::{Engine, EvalAltResult, Module, ModuleResolver, Position, Scope, Shared};
+use rhai::{Dynamic, Engine, EvalAltResult, Module, ModuleResolver, Position, Scope, Shared};
+
+use super::engine::Termination;
+use super::stage::Refusal;
 
 /// The file of a module. `Err` says why there is none.
 pub fn locate(folder: &Path, path: &str) -> Result<PathBuf, String> {
@@ -38,7 +41,12 @@ impl ConfinedModules {
 
 impl ModuleResolver for ConfinedModules {
     fn resolve(&self, engine: &Engine, _: Option<&str>, path: &str, pos: Position) -> Result<Shared<Module>, Box<EvalAltResult>> {
-        let refuse = |message: String| EvalAltResult::ErrorInModule(path.to_owned(), message.into(), pos);
+        // It cannot be caught, and its place is that of the import.
+        let refuse = |message: String| {
+            let message = format!("the module \"{path}\" cannot be imported: {message}");
+            let refusal = Dynamic::from(Termination::Refused(Refusal { message, hint: None }));
+            EvalAltResult::ErrorInModule(path.to_owned(), EvalAltResult::ErrorTerminated(refusal, Position::NONE).into(), pos)
+        };
         let file = locate(&self.folder, path).map_err(refuse)?;
         if let Some(module) = self.done.borrow().get(&file) {
             return Ok(module.clone());

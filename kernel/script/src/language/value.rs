@@ -299,7 +299,7 @@ pub fn register(engine: &mut rhai::Engine) {
         .register_fn("at", |x: Length, y: Length, z: Length| At { xy: [x.0, y.0], z: Some(z.0) })
         .register_type_with_name::<Facing>("direction")
         .register_fn("facing", Facing)
-        .register_type_with_name::<Inside>("place")
+        .register_type_with_name::<Inside>("place inside an object")
         .register_fn("inside", |o: ObjectHandle| Inside { object: o.name, region: None })
         .register_fn("inside", |o: ObjectHandle, region: &str| Inside { object: o.name, region: Some(region.to_owned()) })
         .register_type_with_name::<SceneHandle>("scene")

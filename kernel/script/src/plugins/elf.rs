@@ -27,6 +27,11 @@ pub(super) fn check_whole(path: &Path) -> Result<(), String> {
     if header[..6] != [0x7f, b'E', b'L', b'F', 2, 1] {
         return Ok(());
     }
+    // The section headers mostly stand last: a file that ends before them was cut, though it might still run.
+    let sections = word64(&header, 40).saturating_add(u64::from(word16(&header, 58)) * u64::from(word16(&header, 60)));
+    if sections > length {
+        return Err(short(sections));
+    }
     let table = word64(&header, 32);
     let (size, count) = (word16(&header, 54), word16(&header, 56));
     let end = table.saturating_add(u64::from(size) * u64::from(count));
