@@ -21,6 +21,7 @@ use sagci_dynamics::{SpatialVector, cholesky, cholesky_solve, cholesky_solve_low
 use sagci_signal::{Command, Observation};
 
 use crate::error::{check, check_not_negative};
+use crate::joint::FREQUENCY;
 use crate::{ArmModel, ControlError, EffortLimit};
 
 /// `J M^-1 J^T` is made larger by this fraction of its diagonal, so that its inverse stays bounded at singularities.
@@ -124,6 +125,29 @@ impl CartesianImpedance {
         };
         law.set_gains(stiffness, damping)?;
         Ok(law)
+    }
+
+    /// Greatest stiffness against turns, N m/rad, and against shifts, N/m, with which the tool is stable on its way through
+    /// these configurations.
+    ///
+    /// The springs feel the operational-space inertia; its least value, over directions and over the way, bounds them by the
+    /// frequency that the sensors' delay leaves stable, as in [`crate::JointImpedance::tuned`].
+    ///
+    /// # Errors
+    /// A configuration of the wrong length, or with a number that is not finite.
+    pub fn stiffest(arm: &ArmModel, way: &[Vec<f64>]) -> Result<[f64; 2], ControlError> {
+        let (mut probe, zero) = (arm.clone(), vec![0.0; arm.n()]);
+        let mut stiffest = [f64::INFINITY; 2];
+        for q in way {
+            probe.update(q, &zero, 0.0)?;
+            let Some(inverse) = probe.mass_matrix().clone().try_inverse() else { continue };
+            let mobility = probe.J_WT() * inverse * probe.J_WT().transpose();
+            for (part, most) in stiffest.iter_mut().enumerate() {
+                let block = mobility.fixed_view::<3, 3>(3 * part, 3 * part).into_owned();
+                *most = most.min(FREQUENCY * FREQUENCY / block.symmetric_eigenvalues().max().max(1e-9));
+            }
+        }
+        Ok(stiffest)
     }
 
     /// A diagonal matrix with one gain for all turns and one for each shift along the task frame's axes.

@@ -10,9 +10,9 @@ use crate::{ArmModel, ControlError, EffortLimit};
 
 /// Stiffness of a joint for each unit of its greatest effort, 1/rad (1/m), at most: a drive at its limit is then off by 0.14 rad.
 const STIFFNESS: f64 = 7.0;
-/// Greatest natural frequency of a joint, rad/s: velocities come filtered at about 100 Hz, and a law that is faster than its
+/// Greatest natural frequency under a law, rad/s: velocities come filtered at about 100 Hz, and a law that is faster than its
 /// sensors shakes the arm.
-const FREQUENCY: f64 = 80.0;
+pub(crate) const FREQUENCY: f64 = 80.0;
 /// Damping ratio.
 const RATIO: f64 = 0.9;
 /// Effort of a joint whose model names no limit, N m or N.

@@ -7,7 +7,7 @@ use sagci_skill::FailureCode;
 
 use crate::Fingers;
 use crate::arm::{Arm, failure};
-use crate::follow::Outcome;
+use crate::follow::{LIMIT_MARGIN, Outcome};
 
 /// The fingers rest when they have moved less than this, m, over this time, s.
 const REST_WIDTH: f64 = 3e-4;
@@ -26,8 +26,11 @@ pub(crate) struct Fingering {
 impl Fingering {
     pub(crate) fn new(arm: &Arm, fingers: Fingers, observation: &Observation) -> Result<Self, ControlError> {
         let along_opening = if fingers.yielding { 60.0 } else { 1500.0 };
-        let stiffness = CartesianImpedance::diagonal(60.0, [1500.0, along_opening, 1500.0]);
-        let law = Box::new(CartesianImpedance::new(&arm.model, stiffness, Damping::Ratio(1.0))?);
+        let [turn, shift] = CartesianImpedance::stiffest(&arm.model, &[arm.model.q().to_vec()])?;
+        let across = shift.min(1500.0);
+        let stiffness = CartesianImpedance::diagonal(turn.min(60.0), [across, shift.min(along_opening), across]);
+        let mut law = Box::new(CartesianImpedance::new(&arm.model, stiffness, Damping::Ratio(1.0))?);
+        law.limit_margin = LIMIT_MARGIN;
         Ok(Self { fingers, law, X_WD: *arm.model.X_WT(), since: observation.time, still: 0.0, width: observation.gripper_width })
     }
 

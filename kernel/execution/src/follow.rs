@@ -25,6 +25,8 @@ const WRENCH_CUTOFF: f64 = 20.0;
 const BLEND_SECONDS: f64 = 1.0;
 /// Configurations of a trajectory for which the joints' law is tuned.
 const PROBES: usize = 12;
+/// Joint limits push back inside this distance, rad or m: less than what plans keep from them.
+pub(crate) const LIMIT_MARGIN: f64 = 0.03;
 /// Damping ratio of the tool's law.
 const RATIO: f64 = 0.9;
 
@@ -59,18 +61,19 @@ impl Following {
     pub(crate) fn new(arm: &Arm, follow: Follow, period: f64) -> Result<Self, ControlError> {
         let start = follow.trajectory.sample(0.0).q;
         let mut anchor = Vector3::zeros();
+        let way: Vec<Vec<f64>> = (0..PROBES).map(|i| follow.trajectory.at_progress(i as f64 / (PROBES - 1) as f64)).collect();
         let law = match &follow.law {
-            Law::Joints => {
-                let way: Vec<Vec<f64>> = (0..PROBES).map(|i| follow.trajectory.at_progress(i as f64 / (PROBES - 1) as f64)).collect();
-                Controller::Joints(JointImpedance::tuned(&arm.model, &way)?)
-            }
+            Law::Joints => Controller::Joints(JointImpedance::tuned(&arm.model, &way)?),
             Law::Tool { along, across, turning, anchored, .. } => {
                 if *anchored {
                     let miss = arm.model.X_WT().translation.vector - arm.kinematics.X_WT(&start).translation.vector;
                     anchor = miss * (ANCHOR / miss.norm().max(ANCHOR));
                 }
-                let stiffness = CartesianImpedance::diagonal(*turning, [*across, *across, *along]);
+                let [turn, shift] = CartesianImpedance::stiffest(&arm.model, &way)?;
+                let (across, along) = (across.min(shift), along.min(shift));
+                let stiffness = CartesianImpedance::diagonal(turning.min(turn), [across, across, along]);
                 let mut law = CartesianImpedance::new(&arm.model, stiffness, Damping::Ratio(RATIO))?;
+                law.limit_margin = LIMIT_MARGIN;
                 law.set_posture(&Posture { q: start.clone(), stiffness: 20.0, damping: 4.0 })?;
                 Controller::Tool(Box::new(law))
             }

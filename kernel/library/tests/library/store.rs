@@ -156,7 +156,7 @@ fn verify_says_what_is_wrong_with_an_unsound_model() {
         (Box::new(edit("model.yaml", "link: door", "link: dor")), "did you mean 'door'?"),
         (Box::new(edit("object.urdf", "lower=\"0\"", "lower=\"-1\"")), "a passive joint is shut at 0"),
         (Box::new(edit("object.urdf", "xyz=\"0 0 -1\"", "xyz=\"0 0 1\"")), "inwards as it opens; is its axis reversed?"),
-        (Box::new(edit("model.yaml", "-0.108, 0.1]", "-0.308, 0.1]")), "grasp 'handle': closes on nothing"),
+        (Box::new(edit("model.yaml", "-0.108, ", "-0.308, ")), "grasp 'handle': closes on nothing"),
         (Box::new(edit("model.yaml", "size: [0.414,", "size: [0.614,")), "region 'cavity': is not free"),
         (Box::new(|f| std::fs::remove_file(f.join("meshes/micro.stl")).unwrap()), "micro.stl"),
         (Box::new(|f| std::fs::write(f.join("meshes/spare.stl"), "").unwrap()), "meshes/spare.stl: is used by no link"),
