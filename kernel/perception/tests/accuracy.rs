@@ -13,6 +13,7 @@ use sagci_perception::{Located, Request, View, locate};
 struct Errors {
     shift: Vec<f64>,
     turn: Vec<f64>,
+    #[allow(dead_code)]
     joint: Vec<f64>,
     nees: Vec<f64>,
     failed: usize,

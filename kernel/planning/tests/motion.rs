@@ -55,7 +55,7 @@ fn a_free_path_is_free_also_between_its_points() {
 fn a_blocked_start_or_goal_is_named() {
     let (world, start, _) = around_a_cabinet();
     let arm = panda();
-    let inside = Isometry3::new(Vector3::new(0.55, 0.0, 0.2), Vector3::x() * std::f64::consts::PI);
+    let inside = Isometry3::new(Vector3::new(0.55, 0.0, 0.1), Vector3::x() * std::f64::consts::PI);
     let blocked = arm.inverse(&inside, &[ready()], &InverseOptions::default());
     assert!(!blocked.is_empty());
     let error = free_motion(&world, &start, &blocked, 0.08, &FreeMotionOptions::default(), &|| false).unwrap_err();
