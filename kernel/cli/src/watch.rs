@@ -66,7 +66,7 @@ impl Progress for Watcher {
             Event::Looking { objects } => self.line(&format!("  looking for {}", objects.join(", "))),
             Event::Located { object, error: Some(why) } => self.line(&format!("  {object} not found: {why}")),
             Event::Located { .. } | Event::Log { .. } | Event::Finished { .. } => {}
-            Event::Planning { call, .. } => self.line(&format!("{call}")),
+            Event::Planning { call, .. } => self.line(call),
             Event::Phase { step, call, phase, progress, time } => {
                 if self.terminal {
                     let filled = (progress * BAR as f64) as usize;
