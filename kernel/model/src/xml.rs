@@ -46,9 +46,11 @@ pub(crate) fn scan(text: &str) -> Result<Vec<Element>, XmlError> {
     let mut elements: Vec<Element> = Vec::new();
     let mut open: Vec<usize> = Vec::new();
     loop {
+        let line = s.line;
         let content = s.until('<');
         if open.is_empty() && !content.trim().is_empty() {
-            return Err(s.error(format!("'{}' stands outside the document's element", excerpt(content))));
+            let line = line + content.bytes().take_while(u8::is_ascii_whitespace).filter(|b| *b == b'\n').count();
+            return Err(XmlError { line, message: format!("'{}' stands outside the document's element", excerpt(content)) });
         }
         s.decode(content)?;
         if s.rest().is_empty() {

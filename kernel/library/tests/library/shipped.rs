@@ -1,5 +1,4 @@
 //! The models that ship are sound, and each is what its name says.
-#![allow(clippy::unwrap_used, clippy::panic)]
 
 use sagci_library::Library;
 

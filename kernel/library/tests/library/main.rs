@@ -1,0 +1,5 @@
+//! The library of object models, tried from outside.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod shipped;
+mod store;
