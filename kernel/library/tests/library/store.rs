@@ -9,7 +9,11 @@ fn copy(from: &Path, to: &Path) {
     for entry in std::fs::read_dir(from).unwrap() {
         let path = entry.unwrap().path();
         let target = to.join(path.file_name().unwrap());
-        if path.is_dir() { copy(&path, &target) } else { drop(std::fs::copy(&path, &target).unwrap()) }
+        if path.is_dir() {
+            copy(&path, &target);
+        } else {
+            std::fs::copy(&path, &target).unwrap();
+        }
     }
 }
 
@@ -150,13 +154,14 @@ fn verify_says_what_is_wrong_with_an_unsound_model() {
             std::fs::write(&path, text.replace(from, to)).unwrap();
         }
     };
-    let cases: [(Box<dyn Fn(&Path)>, &str); 11] = [
+    type Damage = Box<dyn Fn(&Path)>;
+    let cases: [(Damage, &str); 11] = [
         (Box::new(edit("model.yaml", "name: microwave", "name: toaster")), "is 'toaster', but the object is 'microwave'"),
         (Box::new(edit("model.yaml", "licence: Apache-2.0", "licence: ''")), "provenance: licence: is missing"),
         (Box::new(edit("model.yaml", "link: door", "link: dor")), "did you mean 'door'?"),
         (Box::new(edit("object.urdf", "lower=\"0\"", "lower=\"-1\"")), "a passive joint is shut at 0"),
         (Box::new(edit("object.urdf", "xyz=\"0 0 -1\"", "xyz=\"0 0 1\"")), "inwards as it opens; is its axis reversed?"),
-        (Box::new(edit("model.yaml", "-0.108, ", "-0.308, ")), "grasp 'handle': closes on nothing"),
+        (Box::new(edit("model.yaml", "0.475, -0.108,", "0.475, -0.308,")), "grasp 'handle': closes on nothing"),
         (Box::new(edit("model.yaml", "size: [0.414,", "size: [0.614,")), "region 'cavity': is not free"),
         (Box::new(|f| std::fs::remove_file(f.join("meshes/micro.stl")).unwrap()), "micro.stl"),
         (Box::new(|f| std::fs::write(f.join("meshes/spare.stl"), "").unwrap()), "meshes/spare.stl: is used by no link"),

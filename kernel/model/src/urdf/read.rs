@@ -227,7 +227,10 @@ fn inertial(i: &urdf_rs::Inertial, name: &str, source: &Source) -> Result<Inerti
         return fail(format!("has the principal moments of inertia {shown} kg m^2; {message}"));
     }
     let R = X_LI.rotation.to_rotation_matrix();
-    Ok(Inertial { mass, p_LoLcm: Point3::from(X_LI.translation.vector), I_LLcm_L: R * I * R.transpose() })
+    let turned = R * I * R.transpose();
+    // Turning leaves rounding that differs across the diagonal.
+    let I_LLcm_L = (turned + turned.transpose()) / 2.0;
+    Ok(Inertial { mass, p_LoLcm: Point3::from(X_LI.translation.vector), I_LLcm_L })
 }
 
 fn geometry(
@@ -319,10 +322,10 @@ fn joint(j: &urdf_rs::Joint, tree: &Tree, source: &Source) -> Result<Joint, Mode
         urdf_rs::JointType::Planar => JointKind::Planar,
         urdf_rs::JointType::Spherical => return Err(fail("is spherical; that is not a URDF joint type".into())),
     };
-    // A fixed joint's axis means nothing, and some programs write zero there.
     let axis = match (kind, Unit::try_new(Vector3::from(j.axis.xyz.0), 1e-9)) {
+        // Their axis means nothing, and some programs write zero there.
+        (JointKind::Fixed | JointKind::Floating, _) => Vector3::x_axis(),
         (_, Some(axis)) => axis,
-        (JointKind::Fixed | JointKind::Floating, None) => Vector3::x_axis(),
         (_, None) => return Err(fail("has an axis of length zero; write a direction, for example xyz=\"0 0 1\"".into())),
     };
     let limits = match kind {

@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Vector3};
 
 use crate::{Geometry, JointKind, JointLimits, ObjectModel, Shape};
 
@@ -91,8 +91,16 @@ fn shape(out: &mut String, tag: &str, s: &Shape, mesh_name: &impl Fn(&std::path:
 }
 
 fn origin(X: &Isometry3<f64>) -> String {
-    let (roll, pitch, yaw) = X.rotation.euler_angles();
-    format!("<origin xyz=\"{}\" rpy=\"{}\"/>", numbers(X.translation.vector.as_slice()), numbers(&[roll, pitch, yaw]))
+    format!("<origin xyz=\"{}\" rpy=\"{}\"/>", numbers(X.translation.vector.as_slice()), numbers(&rpy(X)))
+}
+
+/// Roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll). The yaw is taken out before roll and pitch are read off, so that
+/// their product is R to rounding also where the pitch is near a right angle and roll and yaw cannot be told apart.
+fn rpy(X: &Isometry3<f64>) -> [f64; 3] {
+    let R = X.rotation.to_rotation_matrix();
+    let yaw = R[(1, 0)].atan2(R[(0, 0)]);
+    let P = Rotation3::from_axis_angle(&Vector3::z_axis(), -yaw) * R;
+    [(-P[(1, 2)]).atan2(P[(1, 1)]), (-P[(2, 0)]).atan2(P[(0, 0)]), yaw]
 }
 
 fn inertia(I: &Matrix3<f64>) -> String {

@@ -114,18 +114,18 @@ const BRICK: &str = "<robot name=\"r\"><link name=\"l\"><visual><geometry><mesh 
 
 #[test]
 fn no_urdf_makes_the_reader_panic() {
-    check("object.urdf", urdf().as_bytes(), &[], 3000);
+    check("object.urdf", urdf().as_bytes(), &[], 1500);
 }
 
 #[test]
 fn no_document_makes_the_reader_panic() {
-    check("model.yaml", &shipped("model.yaml"), &[("object.urdf", urdf().as_bytes())], 3000);
+    check("model.yaml", &shipped("model.yaml"), &[("object.urdf", urdf().as_bytes())], 1500);
 }
 
 #[test]
 fn no_binary_stl_makes_the_reader_panic() {
     let urdf = BRICK.replace("FILE", "stl");
-    check("m.stl", &shipped("meshes/drawer.stl"), &[("object.urdf", urdf.as_bytes())], 1500);
+    check("m.stl", &shipped("meshes/drawer.stl"), &[("object.urdf", urdf.as_bytes())], 800);
 }
 
 #[test]

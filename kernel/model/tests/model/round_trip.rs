@@ -19,7 +19,7 @@ fn shipped() -> Vec<ObjectModel> {
 
 fn assert_near(a: &Isometry3<f64>, b: &Isometry3<f64>, what: &str) {
     let off = (a.translation.vector - b.translation.vector).norm() + a.rotation.angle_to(&b.rotation);
-    assert!(off < 1e-14 + 1e-7 * f64::EPSILON.sqrt(), "{what}: off by {off:e}");
+    assert!(off < 1e-14, "{what}: off by {off:e}");
 }
 
 fn assert_same_shape(a: &Shape, b: &Shape, what: &str) {
