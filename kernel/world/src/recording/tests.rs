@@ -88,7 +88,8 @@ impl TrueState for Noise {
 }
 
 fn robot(folder: &Path) -> ObjectModel {
-    let link = |n: &str| format!("<link name='{n}'/>");
+    let inertial = "<inertial><mass value='1'/><inertia ixx='0.01' ixy='0' ixz='0' iyy='0.01' iyz='0' izz='0.01'/></inertial>";
+    let link = |n: &str| format!("<link name='{n}'>{inertial}</link>");
     let joint = |n: &str, kind: &str, parent: &str, child: &str| {
         format!(
             "<joint name='{n}' type='{kind}'><parent link='{parent}'/><child link='{child}'/><origin xyz='0 0 0.3'/><axis xyz='0 1 0'/>\
@@ -108,7 +109,7 @@ fn robot(folder: &Path) -> ObjectModel {
         joint("finger_right", "prismatic", "hand", "right"),
     );
     std::fs::write(folder.join("object.urdf"), urdf).unwrap();
-    let document = "schema: 1\nname: arm\nrobot:\n  arm_joints: [turn, bend]\n  wrist_link: hand\n  configurations: []\n  \
+    let document = "schema: 1\nname: arm\nrobot:\n  arm_joints: [turn, bend]\n  wrist_link: hand\n  configurations: [{name: ready, q: [0, 0]}]\n  \
         gripper: {link: hand, X_LT: {xyz: [0, 0, 0.1]}, fingers: [{joint: finger_left, link: left}, {joint: finger_right, link: right}], \
         max_width: 0.08, max_force: 40, pad_half_extents: [0.01, 0.01]}\n  \
         camera: {link: hand, X_LC: {xyz: [0.05, 0, 0]}, size: [4, 3], focal: [4, 4], center: [1.5, 1], range: [0.1, 2]}\n";
