@@ -123,9 +123,11 @@ fn study(task: &str, layout: &Layout, seed: u64, models: &BTreeMap<&str, Arc<Obj
     let X_WS = if task == "microwave" {
         displaced(&mut random, [layout.get("mx", 0.45), layout.get("my", -0.4), 0.0, layout.get("myaw", 0.0)], shift, turn)
     } else {
-        // In the shut drawer, where the region allows.
-        let local = displaced(&mut random, [0.0, 0.0, 0.0, 0.0], layout.get("inside", 0.03), 3.0);
-        X_WO * models[large].X_OL(&[0.0])[1] * Translation3::new(0.0, layout.get("inside_y", 0.0), -0.0792) * local
+        // In the shut drawer, where its region allows.
+        let region = &models[large].document.regions[0];
+        let local = displaced(&mut random, [0.0, 0.0, 0.0, 0.0], layout.get("inside", 0.02), 3.0);
+        let floor = Translation3::new(region.center[0], region.center[1], region.center[2] - 0.5 * region.size[2] + 0.001);
+        X_WO * models[large].X_OL(&[0.0])[1] * floor * local
     };
     let mut scene = Scene {
         robot,

@@ -234,7 +234,12 @@ pub fn plan_articulation(
         windows.sort_by(|a, b| b.promise.total_cmp(&a.promise));
         for window in &windows {
             number += 1;
-            match try_grasp(scene, world, request, window, &positions, number, cancelled) {
+            let mut found = try_grasp(scene, world, request, window, &positions, request.standoff, number, cancelled);
+            if found.as_ref().is_err_and(|e| e.stage() != "path" && !matches!(e, PlanError::Cancelled { .. })) {
+                // Half of the way in and out still clears a handle.
+                found = try_grasp(scene, world, request, window, &positions, 0.5 * request.standoff, number, cancelled);
+            }
+            match found {
                 Ok(mut plan) => {
                     plan.object = object.clone();
                     if let Err(e) = judge(world.arm(), gravity.as_deref(), &mut plan) {
@@ -399,22 +404,24 @@ fn keep_furthest(furthest: &mut Option<(usize, PlanError)>, e: PlanError) {
     }
 }
 
+#[allow(clippy::too_many_arguments)]
 fn try_grasp(
     scene: &Scene,
     world: &CollisionWorld,
     request: &ArticulationRequest,
     window: &Window,
     positions: &[f64],
+    standoff: f64,
     number: u64,
     cancelled: &dyn Fn() -> bool,
 ) -> Result<ArticulationPlan, PlanError> {
     let grasp = &window.grasp;
     let o = &scene.objects[request.object];
     let arm = world.arm();
-    let steps = (request.standoff / 0.015).ceil().max(1.0) as usize;
+    let steps = (standoff / 0.015).ceil().max(1.0) as usize;
     // Chain 0 at the grasp; chain k stands k steps behind it.
     let chains: Vec<ArmKinematics> =
-        (0..=steps).map(|k| arm.with_freedom(&grasp.freedom_behind(request.standoff * k as f64 / steps as f64))).collect();
+        (0..=steps).map(|k| arm.with_freedom(&grasp.freedom_behind(standoff * k as f64 / steps as f64))).collect();
     let mut q = o.q.clone();
     q.resize(q.len().max(request.joint + 1), 0.0);
     let mut goal_at = |position: f64| {

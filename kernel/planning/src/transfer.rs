@@ -239,7 +239,17 @@ pub fn plan_pick(
             }
         };
         spent += 1;
-        match pick_path(scene, world, &near, object, h, starts, options, number as u64, cancelled) {
+        // Straight up; or out from under what overhangs.
+        let slopes = [[0.0, 0.0], [-0.3, 0.0], [0.3, 0.0], [0.0, 0.3], [0.0, -0.3]];
+        let mut found = Err(PlanError::Unreachable { stage: "lift".into(), message: String::new() });
+        for slope in slopes {
+            let rise = Vector3::new(slope[0], slope[1], 1.0) * options.lift;
+            found = pick_path(scene, world, &near, object, h, starts, &rise, options, number as u64, cancelled);
+            if !found.as_ref().is_err_and(|e| e.stage() == "lift" && matches!(e, PlanError::Collision { .. })) {
+                break;
+            }
+        }
+        match found {
             Ok((approach, lift, cost)) => {
                 let score = cost + place.as_ref().map_or(0.0, |p| p.score) + 2.0 * (1.0 - h.quality);
                 plans.push(PickPlan { grasp: h.grasp.clone(), freedom: h.freedom, X_TO: h.X_TO, approach, lift, place, score });
@@ -366,6 +376,7 @@ fn pick_path(
     object: usize,
     h: &Held,
     starts: &[Vec<f64>],
+    rise: &Vector3<f64>,
     options: &TransferOptions,
     number: u64,
     cancelled: &dyn Fn() -> bool,
@@ -373,7 +384,7 @@ fn pick_path(
     let o = &scene.objects[object];
     let X_WT = o.X_WO * h.X_TO.inverse();
     let back = X_WT * Translation3::new(0.0, 0.0, -options.standoff);
-    let up = Translation3::new(0.0, 0.0, options.lift) * X_WT;
+    let up = Translation3::from(*rise) * X_WT;
     let mut waypoints: Vec<Waypoint> =
         straight_line(&back, &X_WT, 0.02, 0.1).into_iter().map(|goal| Waypoint { goal, chain: 0, stage: 0 }).collect();
     let grasp_at = waypoints.len() - 1;
