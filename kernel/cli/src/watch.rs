@@ -1,11 +1,12 @@
 //! Shows how a run goes, on stderr: one line that is rewritten on a terminal, a line now and then elsewhere.
 
 use std::io::{IsTerminal, Write};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use sagci_script::host::progress::{Event, Progress};
 use sagci_script::host::report::{RunReport, StepReport, StepStatus};
+use sagci_skill::{LogLevel, LogSink};
 
 /// Shortest wall time between two rewrites of the line.
 const REWRITE: Duration = Duration::from_millis(80);
@@ -32,6 +33,16 @@ impl Watcher {
     /// For one run, or for several.
     pub fn new(many: bool) -> Self {
         Self { many, terminal: std::io::stderr().is_terminal(), state: Mutex::default() }
+    }
+
+    /// Where skills log: what matters to a person is shown.
+    pub fn sink(self: &Arc<Self>) -> LogSink {
+        let watcher = self.clone();
+        Arc::new(move |level, text| {
+            if level <= LogLevel::Info && !watcher.many {
+                watcher.line(&format!("  {text}"));
+            }
+        })
     }
 
     fn line(&self, text: &str) {
@@ -65,7 +76,7 @@ impl Progress for Watcher {
         match event {
             Event::Looking { objects } => self.line(&format!("  looking for {}", objects.join(", "))),
             Event::Located { object, error: Some(why) } => self.line(&format!("  {object} not found: {why}")),
-            Event::Located { .. } | Event::Log { .. } | Event::Finished { .. } => {}
+            Event::Located { .. } | Event::Finished { .. } => {}
             Event::Planning { call, .. } => self.line(call),
             Event::Phase { step, call, phase, progress, time } => {
                 if self.terminal {

@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use sagci_script::LibraryModels;
 use sagci_script::host::report::{Figure, Rate, RunReport, StepStatus};
-use sagci_script::host::{Kit, Registration, RunError, RunOptions, WorldSource, run_many};
+use sagci_script::host::{BROKEN, Kit, Registration, RunError, RunOptions, WorldSource, run_many};
 use sagci_world::recording::{Journal, RecordedWorld, RunRecord};
 use sagci_world::{RapierWorld, World, WorldOptions, open};
 use serde::Serialize;
@@ -61,8 +61,9 @@ struct Batch<'a> {
 pub fn run(arguments: &Run) -> Result<bool, CliError> {
     let script = &arguments.script;
     let models = LibraryModels::new(place::library(&arguments.places, Some(script))?);
-    let skills = place::skills(&arguments.places, Some(script), place::silent())?;
     let many = arguments.runs > 1;
+    let watcher = Arc::new(Watcher::new(many));
+    let skills = place::skills(&arguments.places, Some(script), watcher.sink())?;
     let cancel = cancel_on_interrupt()?;
     let out = if arguments.plan_only { None } else { Some(arguments.out.clone().unwrap_or_else(|| new_folder(script))) };
     let kit = Kit {
@@ -70,7 +71,7 @@ pub fn run(arguments: &Run) -> Result<bool, CliError> {
         models: Arc::new(models),
         worlds: (!arguments.plan_only).then(|| Arc::new(Worlds { kind: arguments.world.clone() }) as Arc<dyn WorldSource>),
         perceive: Arc::new(Registration),
-        progress: Arc::new(Watcher::new(many)),
+        progress: watcher,
         cancel,
     };
     let options = RunOptions { seed: arguments.seed, out: out.clone() };
@@ -95,7 +96,10 @@ pub fn run(arguments: &Run) -> Result<bool, CliError> {
         Format::Text if many => print(&batch_text(&batch)),
         Format::Text => reports.iter().for_each(|r| print(&report_text(r))),
     }
-    Ok(success)
+    match reports.iter().filter_map(|r| r.failure.as_ref()).find(|f| f.code == BROKEN) {
+        Some(broken) => Err(CliError::Other(broken.message.clone())),
+        None => Ok(success),
+    }
 }
 
 fn to_json(value: &impl Serialize) -> Result<String, CliError> {

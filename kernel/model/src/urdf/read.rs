@@ -50,7 +50,6 @@ pub(crate) fn read(path: &Path, document: Document) -> Result<ObjectModel, Model
     let links = tree.links.iter().map(|&i| link(&robot, &robot.links[i], &source, &mut meshes)).collect::<Result<Vec<_>, _>>()?;
     let mut joints = tree.joints.iter().map(|&i| joint(&robot.joints[i], &tree, &source)).collect::<Result<Vec<_>, _>>()?;
     follow_mimics(&robot, &tree, &mut joints, &source)?;
-    check_moving_mass(&links, &joints, &source)?;
     let name = if document.name.is_empty() { robot.name.clone() } else { document.name.clone() };
     Ok(ObjectModel { name, folder: source.folder, links, joints, document })
 }
@@ -392,20 +391,4 @@ fn follow_mimics(robot: &urdf_rs::Robot, tree: &Tree, joints: &mut [Joint], sour
         }
     }
     Ok(())
-}
-
-/// What a joint moves must have mass somewhere, or the equations of motion have no solution.
-fn check_moving_mass(links: &[Link], joints: &[Joint], source: &Source) -> Result<(), ModelError> {
-    let mut carried: Vec<f64> = links.iter().map(|l| l.inertial.mass).collect();
-    // Children stand after their parents: going backwards, every subtree is complete when it is added to its parent.
-    for j in joints.iter().rev() {
-        carried[j.parent] += carried[j.child];
-    }
-    match joints.iter().find(|j| j.kind != JointKind::Fixed && carried[j.child] <= 0.0) {
-        Some(j) => {
-            let message = format!("moves, but neither it nor what hangs on it has a mass (joint '{}'); give it an <inertial>", j.name);
-            Err(source.impossible("link", &links[j.child].name, message))
-        }
-        None => Ok(()),
-    }
 }

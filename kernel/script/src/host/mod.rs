@@ -13,4 +13,4 @@ mod scene;
 mod step;
 
 pub use live::{Perceive, Registration};
-pub use run::{Kit, RunError, RunOptions, WorldSource, run, run_many};
+pub use run::{BROKEN, Kit, RunError, RunOptions, WorldSource, run, run_many};

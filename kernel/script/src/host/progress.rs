@@ -47,11 +47,6 @@ pub enum Event<'a> {
         /// What.
         text: &'a str,
     },
-    /// A skill logs.
-    Log {
-        /// What.
-        text: &'a str,
-    },
     /// A run is over.
     Finished {
         /// Its report.

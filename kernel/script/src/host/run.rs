@@ -76,6 +76,9 @@ pub enum RunError {
     Broken(String),
 }
 
+/// Code of a run that ended because the world or the program broke down.
+pub const BROKEN: &str = "broken";
+
 /// Control period of a plan that is not carried out, s.
 const PLAN_PERIOD: f64 = 1e-3;
 
@@ -103,7 +106,7 @@ pub fn run(script: &Path, kit: &Kit, options: &RunOptions) -> Result<RunReport, 
     let mut host = Rc::try_unwrap(host).map_err(|_| RunError::Broken("the script outlived its run".to_owned()))?.into_inner();
     let failure = match end {
         End::Wrong(diagnostic) => return Err(RunError::Script(vec![diagnostic])),
-        End::Broken(message) => return Err(RunError::Broken(message)),
+        End::Broken(message) => Some(FailureReport { code: BROKEN.to_owned(), stage: "world".to_owned(), message }),
         End::Done => None,
         End::Interrupted => {
             let message = "someone asked it to stop; the arm is at rest".to_owned();
