@@ -60,6 +60,18 @@ pub enum DynamicsError {
         /// The joint.
         joint: String,
     },
+    /// A step of a rollout failed, forwards or backwards.
+    #[error("step {step} (t = {time:.6} s){}: {source}", joint.as_ref().map_or_else(String::new, |j| format!(", joint '{j}'")))]
+    AtStep {
+        /// Which step, from 0.
+        step: usize,
+        /// Time at its start, s.
+        time: f64,
+        /// The joint, where one is to blame.
+        joint: Option<String>,
+        /// What happened.
+        source: Box<DynamicsError>,
+    },
     /// A solver did not reach its tolerance.
     #[error("{what} did not converge (residual {residual:.3e} after {iterations} iterations); try a smaller step")]
     NoConvergence {

@@ -9,36 +9,22 @@
 //! dry friction holds passes on nothing.
 //!
 //! The smooth rigid part of `r` is `h ID(q, v, a)` with `a = (w - v) / h`, so what is left is the reverse of recursive
-//! Newton-Euler, [`Multibody::pull_inverse_dynamics`].
+//! Newton-Euler, `algorithms::adjoint`.
 //!
 //! A step with Coriolis forces half way, or with a learned residual, is solved twice; it is taken back the same way: the
 //! second solve first, whose dependence on the first one's `w~` is the cotangent that the first one starts from.
-//!
-//! # Recursive Newton-Euler, backwards
-//! With `Lambda_i = sum of S_j sigma_j` on the path to body `i` (the velocity that the bodies have under the joint rates
-//! `sigma`), `sigma . ID = sum_i Lambda_i . (I_i A_i + V_i x* I_i V_i - F_ext,i)`. From the leaves to the root, with
-//! `Gamma = Lambda x V` and sums over the children left out:
-//!
-//! * by `A_i`: `alpha = I Lambda`;
-//! * by `V_i`: `nu = I Gamma - Lambda x* I V + (S v) x* alpha`;
-//! * by the twist of the body's pose: `P = -Lambda x* I A - A x* I Lambda - Gamma x* I V - V x* I Gamma
-//!   + (S sigma) x* Phi + (S a) x* alpha + (S v) x* (nu - V x* alpha)`, with `Phi` the force through the joint;
-//! * `a' = S . alpha`, `v' = S . (nu - V x* alpha)`, `q' = S . P`; the joint's origin gets `P`, its axis what `S` gets and
-//!   what the turned pose gets.
-//!
-//! This is the transpose of the recursions of Singh, Russo and Wensing (2022), at the cost of about two of Newton-Euler,
-//! whatever the number of parameters.
 
-use nalgebra::{Matrix3, Vector3};
 use sagci_model::JointKind;
 
 use crate::complementarity::{Held, Problem};
-use crate::effects::Instant;
+use crate::effects::{Instant, MAX_PARAMETERS, Partial, Resistance};
 use crate::linear::cholesky_solve;
-use crate::residual::ResidualCotangents;
-use crate::spatial::{angular, join, linear};
+use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::step::RECOVERY_STEPS;
-use crate::{Coriolis, DynamicsError, Multibody, SpatialVector, State, StepWorkspace, System, Workspace, cross_force, cross_motion};
+use crate::{
+    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, Placement, RigidGradient, SpatialVector, State, StepWorkspace, System,
+    Workspace, cross_force,
+};
 
 /// Cotangents of a state: what a loss changes by, per change of each entry.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -51,69 +37,47 @@ pub struct StateCotangent {
     pub z: Vec<f64>,
 }
 
+impl StateCotangent {
+    /// Zero, for a system.
+    pub fn zero(system: &System) -> Self {
+        let n = system.multibody().nv();
+        Self { q: vec![0.0; n], v: vec![0.0; n], z: system.state().z }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        for part in [&mut self.q, &mut self.v, &mut self.z] {
+            part.fill(0.0);
+        }
+    }
+
+    pub(crate) fn add(&mut self, other: &Self) {
+        for (to, from) in [(&mut self.q, &other.q), (&mut self.v, &other.v), (&mut self.z, &other.z)] {
+            for (a, b) in to.iter_mut().zip(from) {
+                *a += b;
+            }
+        }
+    }
+}
+
 /// Cotangents of all parameters in the coordinates in which the dynamics is written.
 /// [`crate::ParameterVector::gradient`] takes them to named entries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NaturalGradient {
-    /// By mass, mass times centre of mass (3) and inertia about the origin (xx, xy, xz, yy, yz, zz; each pair of equal
-    /// entries counts as one) of each body, in the body's frame.
-    pub inertia: Vec<[f64; 10]>,
-    /// By each body's joint axis, in the joint's frame.
-    pub axis: Vec<Vector3<f64>>,
-    /// By the twist that moves each joint's frame on the parent, written in that frame at its origin.
-    pub origin: Vec<SpatialVector>,
-    /// By armature.
-    pub armature: Vec<f64>,
-    /// By the parameters of effects.
+    /// By inertias, joint origins and axes, armatures, gravity.
+    pub rigid: RigidGradient,
+    /// By the parameters of effects, as [`System::parameters`].
     pub theta: Vec<f64>,
     /// By the weights of the residual.
     pub weights: Vec<f64>,
-    /// What is computed; the rest stays as it is.
-    pub wanted: Wanted,
-}
-
-/// Which groups of parameters a reverse pass works for. Each left out saves its time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wanted {
-    /// Inertial entries.
-    pub inertia: bool,
-    /// Joint axes and origins.
-    pub joints: bool,
-    /// Parameters of effects, and armatures.
-    pub effects: bool,
-    /// Weights of the residual.
-    pub weights: bool,
-}
-
-impl Wanted {
-    /// Everything.
-    pub const ALL: Self = Self { inertia: true, joints: true, effects: true, weights: true };
-    /// State and input alone.
-    pub const NONE: Self = Self { inertia: false, joints: false, effects: false, weights: false };
 }
 
 impl NaturalGradient {
     /// Zero, for a system.
-    pub fn zero(system: &System, wanted: Wanted) -> Self {
-        let bodies = system.multibody().bodies.len();
+    pub fn zero(system: &System) -> Self {
         Self {
-            inertia: vec![[0.0; 10]; bodies],
-            axis: vec![Vector3::zeros(); bodies],
-            origin: vec![SpatialVector::zeros(); bodies],
-            armature: vec![0.0; system.multibody().nv()],
+            rigid: RigidGradient::new(system.multibody()),
             theta: vec![0.0; system.parameters().len()],
             weights: vec![0.0; system.residual().map_or(0, |r| r.network().weights().len())],
-            wanted,
-        }
-    }
-
-    /// Back to zero.
-    pub fn clear(&mut self) {
-        self.inertia.fill([0.0; 10]);
-        self.axis.fill(Vector3::zeros());
-        self.origin.fill(SpatialVector::zeros());
-        for part in [&mut self.armature, &mut self.theta, &mut self.weights] {
-            part.fill(0.0);
         }
     }
 }
@@ -138,46 +102,49 @@ impl Solve {
         let m = problem.free.len();
         self.factor[..m * m].copy_from_slice(&problem.factor[..m * m]);
     }
+
+    fn copy(&mut self, other: &Self) {
+        self.w.copy_from_slice(&other.w);
+        self.held.copy_from_slice(&other.held);
+        self.factor.copy_from_slice(&other.factor);
+    }
 }
 
 /// One step as it was taken: where it started, and its solves.
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub state: State,
-    pub first: Solve,
+    load: Vec<f64>,
+    first: Solve,
     /// Used where the step is solved twice.
-    pub second: Solve,
+    second: Solve,
 }
 
 impl Record {
     pub fn new(system: &System) -> Self {
         let n = system.multibody().nv();
         let second = if system.solves_twice() { n } else { 0 };
-        Self { state: system.state(), first: Solve::new(n), second: Solve::new(second) }
+        Self { state: system.state(), load: vec![0.0; n], first: Solve::new(n), second: Solve::new(second) }
     }
 
     /// Bytes that one record takes.
     pub fn bytes(system: &System) -> usize {
-        let n = system.multibody().nv();
-        let solve = n * (n * 8 + 8 + 1) + 72;
-        let state = system.state();
-        8 * (state.q.len() + state.v.len() + state.z.len()) + 72 + solve * if system.solves_twice() { 2 } else { 1 } + 72
+        let (n, state) = (system.multibody().nv(), system.state());
+        let solves = if system.solves_twice() { 2 } else { 1 };
+        let numbers = state.q.len() + state.v.len() + state.z.len() + n + solves * n * (n + 1);
+        std::mem::size_of::<Self>() + 8 * numbers + solves * n * std::mem::size_of::<Held>()
     }
 
     /// Keeps where the step starts.
     pub fn begin(&mut self, state: &State) {
-        self.state.q.copy_from_slice(&state.q);
-        self.state.v.copy_from_slice(&state.v);
-        self.state.z.copy_from_slice(&state.z);
-        self.state.time = state.time;
+        copy_state(&mut self.state, state);
     }
 
     /// Keeps how the step was solved.
     pub fn end(&mut self, system: &System, ws: &StepWorkspace) {
+        self.load.copy_from_slice(&ws.load);
         if system.solves_twice() {
-            self.first.w.copy_from_slice(&ws.first.w);
-            self.first.held.copy_from_slice(&ws.first.held);
-            self.first.factor.copy_from_slice(&ws.first.factor);
+            self.first.copy(&ws.first);
             self.second.keep(&ws.problem);
         } else {
             self.first.keep(&ws.problem);
@@ -185,61 +152,101 @@ impl Record {
     }
 }
 
+pub(crate) fn copy_state(to: &mut State, from: &State) {
+    to.q.copy_from_slice(&from.q);
+    to.v.copy_from_slice(&from.v);
+    to.z.copy_from_slice(&from.z);
+    to.time = from.time;
+}
+
 /// Everything that changes in a reverse step. Made once.
 #[derive(Debug, Clone)]
 pub(crate) struct ReverseWorkspace {
     rigid: Workspace,
-    sweep: Sweep,
-    residual: Option<crate::residual::ResidualWorkspace>,
+    pub adjoint: Adjoint,
+    residual: Option<ResidualWorkspace>,
+    /// Take gradients by parameters of the rigid bodies; by those of effects and residual.
+    pub wanted: Wanted,
+    pub theta: Vec<f64>,
+    pub weights: Vec<f64>,
     w: Vec<f64>,
     first: Vec<f64>,
     lambda: Vec<f64>,
     rhs: Vec<f64>,
     a: Vec<f64>,
-    load: Vec<f64>,
     load_bar: Vec<f64>,
     next: StateCotangent,
+}
+
+/// Which groups of parameters a reverse pass works for; each that is left out saves its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// Inertias, axes, origins, armatures.
+    pub rigid: bool,
+    /// Weights of the residual.
+    pub weights: bool,
+}
+
+impl Wanted {
+    /// Everything.
+    pub const ALL: Self = Self { rigid: true, weights: true };
+    /// State, inputs and effects alone.
+    pub const LEAST: Self = Self { rigid: false, weights: false };
 }
 
 impl ReverseWorkspace {
     pub fn new(system: &System) -> Self {
         let multibody = system.multibody();
         let n = multibody.nv();
+        let natural = NaturalGradient::zero(system);
         Self {
             rigid: multibody.workspace(),
-            sweep: Sweep::new(multibody),
+            adjoint: Adjoint::new(multibody),
             residual: system.residual.as_ref().map(|r| r.workspace(n)),
+            wanted: Wanted::ALL,
+            theta: natural.theta,
+            weights: natural.weights,
             w: vec![0.0; n],
             first: vec![0.0; n],
             lambda: vec![0.0; n],
             rhs: vec![0.0; n],
             a: vec![0.0; n],
-            load: vec![0.0; n],
             load_bar: vec![0.0; n],
-            next: StateCotangent { q: vec![0.0; n], v: vec![0.0; n], z: system.state().z },
+            next: StateCotangent::zero(system),
         }
+    }
+
+    /// Forgets the gradients by parameters.
+    pub fn clear(&mut self) {
+        self.adjoint.clear();
+        self.theta.fill(0.0);
+        self.weights.fill(0.0);
     }
 }
 
-/// What a reverse step is told of the step's input, and where the cotangents of the input go.
+/// The input of a step, and where its cotangents are added.
 pub(crate) struct InputCotangent<'a> {
     pub tau: &'a [f64],
-    pub external: &'a [crate::ExternalWrench],
+    pub external: &'a [ExternalWrench],
     pub tau_bar: &'a mut [f64],
     pub external_bar: &'a mut [SpatialVector],
 }
 
 impl System {
-    /// Takes one step back: `cotangent` is that of the next state, and becomes that of the state before. Adds to the
-    /// cotangents of the input and of the parameters.
+    /// A step is solved twice: the second time with what depends on the first solution.
+    pub(crate) fn solves_twice(&self) -> bool {
+        self.coriolis == Coriolis::AtMidpoint || self.residual.is_some()
+    }
+
+    /// Takes one step back: `bar` is the cotangent of the next state, and becomes that of the state before. Adds to the
+    /// cotangents of the input, and in the workspace to those of the parameters.
     pub(crate) fn reverse_step(
         &self,
         ws: &mut ReverseWorkspace,
         record: &Record,
         dt: f64,
-        cotangent: &mut StateCotangent,
+        bar: &mut StateCotangent,
         input: &mut InputCotangent<'_>,
-        gradient: &mut NaturalGradient,
     ) -> Result<(), DynamicsError> {
         let multibody = self.multibody();
         let state = &record.state;
@@ -247,63 +254,53 @@ impl System {
         ws.rigid.v.copy_from_slice(&state.v);
         multibody.kinematics(&mut ws.rigid);
         multibody.gather_external(&mut ws.rigid, input.external)?;
-        let uses_load = self.uses_load;
         ws.load_bar.fill(0.0);
-        if uses_load {
-            multibody.newton_euler(&mut ws.rigid, None, true, &mut ws.load);
-            for load in &mut ws.load {
-                *load = -*load;
-            }
-        }
-        std::mem::swap(&mut ws.next, cotangent);
-        let last = if self.solves_twice() { &record.second } else { &record.first };
-        let bar = cotangent;
-        bar.q.fill(0.0);
-        bar.v.fill(0.0);
-        self.reverse_inner_states(ws, record, &last.w, dt, bar, input, gradient);
+        std::mem::swap(&mut ws.next, bar);
+        bar.clear();
+        let twice = self.solves_twice();
+        let last = if twice { &record.second } else { &record.first };
         ws.w.copy_from_slice(&ws.next.v);
+        bar.z.copy_from_slice(&ws.next.z);
         multibody.pull_integrate(&last.w, dt, &ws.next.q, &mut bar.q, &mut ws.w);
-        ws.first.fill(0.0);
-        if self.solves_twice() {
-            self.reverse_solve(ws, record, false, dt, bar, input, gradient);
+        if twice {
+            ws.first.fill(0.0);
+            self.reverse_solve(ws, record, false, dt, bar, input);
             std::mem::swap(&mut ws.w, &mut ws.first);
             if let (Some(placed), Some(residual)) = (&self.residual, &mut ws.residual) {
                 placed.force(residual, &state.q, &state.v, input.tau, &record.first.w, dt);
                 for (f, lambda) in ws.rhs.iter_mut().zip(&ws.lambda) {
                     *f = dt * lambda;
                 }
-                let weights = gradient.wanted.weights.then_some(&mut gradient.weights[..]);
-                let mut into =
-                    ResidualCotangents { q: &mut bar.q, v: &mut bar.v, u: &mut *input.tau_bar, next: &mut ws.w, weights };
+                let weights = ws.wanted.weights.then_some(&mut ws.weights[..]);
+                let mut into = ResidualCotangents { q: &mut bar.q, v: &mut bar.v, u: &mut *input.tau_bar, next: &mut ws.w, weights };
                 placed.pull(residual, &state.q, dt, &ws.rhs, &mut into);
             }
         }
-        self.reverse_solve(ws, record, true, dt, bar, input, gradient);
-        if uses_load && ws.load_bar.iter().any(|l| *l != 0.0) {
-            // load = -ID(q, v, 0).
+        self.reverse_solve(ws, record, true, dt, bar, input);
+        if ws.load_bar.iter().any(|l| *l != 0.0) {
+            // load = -ID(q, v, 0)
             ws.a.fill(0.0);
-            for (l, bar) in ws.lambda.iter_mut().zip(&ws.load_bar) {
-                *l = -bar;
+            for (to, load) in ws.rhs.iter_mut().zip(&ws.load_bar) {
+                *to = -load;
             }
-            ws.sweep.clear();
-            multibody.pull_inverse_dynamics(&mut ws.rigid, &mut ws.sweep, &ws.a, &ws.lambda, gradient);
-            self.hand_on_external(&ws.sweep, input);
+            multibody.sweep_back(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+            self.hand_on_external(&ws.adjoint, input);
             for k in 0..multibody.nv() {
-                bar.q[k] += ws.sweep.q[k];
-                bar.v[k] += ws.sweep.v[k];
+                bar.q[k] += ws.adjoint.q[k];
+                bar.v[k] += ws.adjoint.v[k];
             }
         }
         Ok(())
     }
 
-    fn hand_on_external(&self, sweep: &Sweep, input: &mut InputCotangent<'_>) {
+    /// The sweep's scalar has `-W . F_ext` in it.
+    fn hand_on_external(&self, adjoint: &Adjoint, input: &mut InputCotangent<'_>) {
         for (bar, wrench) in input.external_bar.iter_mut().zip(input.external) {
-            *bar -= sweep.Lambda[self.multibody().frames[wrench.link.0].body];
+            *bar -= adjoint.W[self.multibody().frames[wrench.link.0].body];
         }
     }
 
     /// Takes one of the step's solves back, from the cotangent `ws.w` of its solution.
-    #[allow(clippy::too_many_arguments)]
     fn reverse_solve(
         &self,
         ws: &mut ReverseWorkspace,
@@ -312,29 +309,15 @@ impl System {
         dt: f64,
         bar: &mut StateCotangent,
         input: &mut InputCotangent<'_>,
-        gradient: &mut NaturalGradient,
     ) {
         let (multibody, state) = (self.multibody(), &record.state);
         let n = multibody.nv();
         let solve = if first { &record.first } else { &record.second };
-        let mut m = 0;
-        for k in 0..n {
-            if solve.held[k] == Held::Free {
-                ws.rhs[m] = ws.w[k];
-                m += 1;
-            }
+        if !free_part(solve, &ws.w, &mut ws.rhs, &mut ws.lambda) {
+            return;
         }
-        cholesky_solve(&solve.factor, m, &mut ws.rhs[..m]);
-        m = 0;
-        for k in 0..n {
-            ws.lambda[k] = 0.0;
-            if solve.held[k] == Held::Free {
-                ws.lambda[k] = ws.rhs[m];
-                m += 1;
-            }
-        }
-        self.reverse_effects(ws, record, solve, dt, bar, input, gradient);
-        // The rigid part: L = sigma . ID(q, v, a).
+        self.reverse_effects(ws, record, solve, dt, bar, input);
+        // The rigid part: sigma . ID(q, v, a) with sigma = -h lambda.
         let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
         if midpoint {
             for (k, v) in ws.rigid.v.iter_mut().enumerate() {
@@ -346,22 +329,21 @@ impl System {
             ws.a[k] = (solve.w[k] - state.v[k]) / dt;
             ws.rhs[k] = -dt * ws.lambda[k];
         }
-        ws.sweep.clear();
-        multibody.pull_inverse_dynamics(&mut ws.rigid, &mut ws.sweep, &ws.a, &ws.rhs, gradient);
-        self.hand_on_external(&ws.sweep, input);
+        multibody.sweep_back(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+        self.hand_on_external(&ws.adjoint, input);
         for k in 0..n {
-            let of_a = ws.sweep.a[k] / dt;
-            bar.q[k] += ws.sweep.q[k];
+            let of_a = ws.adjoint.a[k] / dt;
+            bar.q[k] += ws.adjoint.q[k];
             bar.v[k] -= of_a;
             input.tau_bar[k] += dt * ws.lambda[k];
             if midpoint {
-                bar.v[k] += 0.5 * ws.sweep.v[k];
-                ws.first[k] += 0.5 * ws.sweep.v[k];
+                bar.v[k] += 0.5 * ws.adjoint.v[k];
+                ws.first[k] += 0.5 * ws.adjoint.v[k];
             } else {
-                bar.v[k] += ws.sweep.v[k];
+                bar.v[k] += ws.adjoint.v[k];
             }
             if solve.held[k] == Held::AtLimit {
-                // a' = -h (M lambda), so the sum is w' - H_held,free lambda.
+                // of_a = -(M lambda)_k, so the sum is w' - H_held,free lambda.
                 bar.q[k] -= (ws.w[k] + of_a) / (dt * self.wall_steps(k, state, solve.w[k]));
             }
         }
@@ -371,165 +353,122 @@ impl System {
         }
     }
 
+    /// What the effects of a solve make of `lambda`: cotangents of state, input, load and their parameters.
+    fn reverse_effects(
+        &self,
+        ws: &mut ReverseWorkspace,
+        record: &Record,
+        solve: &Solve,
+        dt: f64,
+        bar: &mut StateCotangent,
+        input: &mut InputCotangent<'_>,
+    ) {
+        for placed in self.placements() {
+            let seed = -dt * ws.lambda[placed.v];
+            if seed == 0.0 {
+                continue;
+            }
+            let term = self.term(placed, record, solve.w[placed.v], input.tau, dt);
+            if placed.q.is_some() {
+                bar.q[placed.v] += seed * term.d_q;
+            }
+            bar.v[placed.v] += seed * term.d_v;
+            for (to, d) in ws.theta[placed.theta.clone()].iter_mut().zip(term.d_theta) {
+                *to += seed * d;
+            }
+        }
+    }
+
+    /// An effect's force in a step, `dtau + K h w + D (w - v)` with dry friction and stops at `w`, by its partials.
+    fn term(&self, placed: &Placement, record: &Record, w: f64, tau: &[f64], dt: f64) -> Partial {
+        let state = &record.state;
+        let at = |along: f64, dq: f64, dv: f64| {
+            let mut resistance = Resistance::default();
+            let instant = Instant {
+                q: placed.q.map_or(0.0, |q| state.q[q]) + along * dq,
+                v: state.v[placed.v] + along * dv,
+                input: tau.get(placed.v).copied().unwrap_or(0.0),
+                load: record.load[placed.v],
+                time: state.time,
+                z: &state.z[placed.z.clone()],
+            };
+            placed.effect.resist(&self.parameters()[placed.theta.clone()], &instant, &mut resistance);
+            resistance
+        };
+        let here = at(0.0, 0.0, 0.0);
+        let mut sum = here.smooth;
+        let v = state.v[placed.v];
+        let (dq, dv) = (if sum.d_q > 0.0 { dt * w } else { 0.0 }, if sum.d_v > 0.0 { w - v } else { 0.0 });
+        // K h w + D (w - v) is the derivative of the force along (h w, w - v); its gradient is the gradient's, second
+        // derivatives being symmetric.
+        let size = dq.abs().max(dv.abs());
+        if size > 0.0 {
+            let reach = (1e-5 / size).max(1e-3);
+            let (ahead, behind) = (at(reach, dq, dv).smooth, at(-reach, dq, dv).smooth);
+            let slope = |a: f64, b: f64| (a - b) / (2.0 * reach);
+            sum.d_q += slope(ahead.d_q, behind.d_q);
+            sum.d_v += slope(ahead.d_v, behind.d_v);
+            for k in 0..MAX_PARAMETERS {
+                sum.d_theta[k] += slope(ahead.d_theta[k], behind.d_theta[k]);
+            }
+        }
+        sum.d_v -= here.smooth.d_v.max(0.0);
+        let sign = if w == 0.0 { 0.0 } else { w.signum() };
+        let mut add = |part: &Partial, factor: f64| {
+            sum.d_q += factor * part.d_q;
+            sum.d_v += factor * part.d_v;
+            for k in 0..MAX_PARAMETERS {
+                sum.d_theta[k] += factor * part.d_theta[k];
+            }
+        };
+        add(&here.dry, sign);
+        if let Some(stop) = here.stop {
+            let rate = stop.side * w;
+            if stop.stiffness * stop.depth + (stop.damping + dt * stop.stiffness) * rate > 0.0 {
+                // side (stiffness (depth + h rate) + dissipation depth+ rate), with the parameters of a hard stop.
+                let dissipation = self.parameters()[placed.theta.start + 1];
+                let inside = if stop.depth > 0.0 { dissipation * rate } else { 0.0 };
+                let slope = stop.stiffness + inside;
+                sum.d_q += slope;
+                sum.d_theta[0] += stop.side * (stop.depth + dt * rate);
+                sum.d_theta[1] += stop.side * stop.depth.max(0.0) * rate;
+                sum.d_theta[2] -= slope;
+            }
+        }
+        sum
+    }
+
     /// Over how many steps a limit takes its coordinate to itself.
     fn wall_steps(&self, k: usize, state: &State, w: f64) -> f64 {
-        let multibody = self.multibody();
-        let Some(joint) = multibody.joints().iter().find(|j| j.v.start == k) else { return 1.0 };
+        let Some(joint) = self.multibody().joints().iter().find(|j| j.v.start == k) else { return 1.0 };
         let (q, [lower, upper]) = (state.q[joint.q.start], self.walls[k]);
-        let outside = if w > 0.0 { q < lower } else { q > upper };
-        if outside { RECOVERY_STEPS } else { 1.0 }
+        if (q < lower && w > 0.0) || (q > upper && w < 0.0) { RECOVERY_STEPS } else { 1.0 }
     }
 }
 
-/// Scratch of the reverse of recursive Newton-Euler, and its results.
-#[derive(Debug, Clone)]
-pub(crate) struct Sweep {
-    Lambda: Vec<SpatialVector>,
-    /// Cotangents of the bodies' accelerations, velocities and poses. Those of velocities and poses may be seeded: what else
-    /// depends on them, contacts for example, adds to them before the sweep.
-    alpha: Vec<SpatialVector>,
-    pub nu: Vec<SpatialVector>,
-    pub P: Vec<SpatialVector>,
-    /// Results by velocity.
-    pub q: Vec<f64>,
-    pub v: Vec<f64>,
-    pub a: Vec<f64>,
-}
-
-impl Sweep {
-    pub fn new(multibody: &Multibody) -> Self {
-        let (b, n) = (multibody.bodies.len(), multibody.nv());
-        let zero = vec![SpatialVector::zeros(); b];
-        Self { Lambda: zero.clone(), alpha: zero.clone(), nu: zero.clone(), P: zero, q: vec![0.0; n], v: vec![0.0; n], a: vec![0.0; n] }
-    }
-
-    /// Forgets results and seeds.
-    pub fn clear(&mut self) {
-        for part in [&mut self.alpha, &mut self.nu, &mut self.P] {
-            part.fill(SpatialVector::zeros());
-        }
-        for part in [&mut self.q, &mut self.v, &mut self.a] {
-            part.fill(0.0);
+/// Solves `H lambda = w'` on the free coordinates. False where nothing comes of it.
+fn free_part(solve: &Solve, w: &[f64], rhs: &mut [f64], lambda: &mut [f64]) -> bool {
+    let (mut m, mut any) = (0, false);
+    for (w, held) in w.iter().zip(&solve.held) {
+        any |= *w != 0.0;
+        if *held == Held::Free {
+            rhs[m] = *w;
+            m += 1;
         }
     }
+    cholesky_solve(&solve.factor, m, &mut rhs[..m]);
+    m = 0;
+    for (lambda, held) in lambda.iter_mut().zip(&solve.held) {
+        *lambda = 0.0;
+        if *held == Held::Free {
+            *lambda = rhs[m];
+            m += 1;
+        }
+    }
+    any
 }
 
 impl Multibody {
-    /// Cotangents of `sigma . ID(q, v, a)` at the workspace's state with its external forces: by `q` (tangent), `v` and `a` in
-    /// the sweep, by inertias, axes, origins and armatures added to `gradient`. See the module's first page.
-    pub(crate) fn pull_inverse_dynamics(
-        &self,
-        ws: &mut Workspace,
-        sweep: &mut Sweep,
-        a: &[f64],
-        sigma: &[f64],
-        gradient: &mut NaturalGradient,
-    ) {
-        let zero = Vector3::zeros();
-        ws.A[0] = join(&zero, &-self.gravity);
-        sweep.Lambda[0] = SpatialVector::zeros();
-        for (i, body) in self.bodies.iter().enumerate().skip(1) {
-            let (mut A, mut Lambda) = (ws.A[body.parent] + ws.c[i], sweep.Lambda[body.parent]);
-            for k in 0..body.nv {
-                let S = ws.S[body.tree + k];
-                A += S * (body.multiplier * a[body.v + k]);
-                Lambda += S * (body.multiplier * sigma[body.v + k]);
-            }
-            let inertia = &ws.inertia[i];
-            ws.F[i] = inertia.times(&A) + cross_force(&ws.V[i], &inertia.times(&ws.V[i])) - ws.external[i];
-            ws.A[i] = A;
-            sweep.Lambda[i] = Lambda;
-        }
-        let wanted = gradient.wanted;
-        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
-            let (inertia, A, V, Lambda) = (&ws.inertia[i], ws.A[i], ws.V[i], sweep.Lambda[i]);
-            let (IA, IV, IL) = (inertia.times(&A), inertia.times(&V), inertia.times(&Lambda));
-            let Gamma = cross_motion(&Lambda, &V);
-            let IG = inertia.times(&Gamma);
-            let (mut Ssigma, mut Sa, mut Sv) = (SpatialVector::zeros(), SpatialVector::zeros(), SpatialVector::zeros());
-            for k in 0..body.nv {
-                let S = ws.S[body.tree + k] * body.multiplier;
-                Ssigma += S * sigma[body.v + k];
-                Sa += S * a[body.v + k];
-                Sv += S * ws.v[body.v + k];
-            }
-            let Phi = ws.F[i];
-            let alpha = sweep.alpha[i] + IL;
-            let nu = sweep.nu[i] + IG - cross_force(&Lambda, &IV) + cross_force(&Sv, &alpha);
-            let of_Sv = nu - cross_force(&V, &alpha);
-            let P = sweep.P[i] - cross_force(&Lambda, &IA) - cross_force(&A, &IL) - cross_force(&Gamma, &IV) - cross_force(&V, &IG)
-                + cross_force(&Ssigma, &Phi)
-                + cross_force(&Sa, &alpha)
-                + cross_force(&Sv, &of_Sv);
-            for k in 0..body.nv {
-                let (S, entry) = (ws.S[body.tree + k] * body.multiplier, body.v + k);
-                sweep.a[entry] += S.dot(&alpha);
-                sweep.v[entry] += S.dot(&of_Sv);
-                sweep.q[entry] += S.dot(&P);
-            }
-            if wanted.inertia {
-                let (R, p) = (&ws.R_WB[i], &ws.p_WB[i]);
-                let inside = |X: &SpatialVector| -> [Vector3<f64>; 2] {
-                    [R.tr_mul(&angular(X)), R.tr_mul(&(linear(X) + angular(X).cross(p)))]
-                };
-                let into = &mut gradient.inertia[i];
-                add_products(into, &inside(&Lambda), &inside(&A));
-                add_products(into, &inside(&Gamma), &inside(&V));
-            }
-            if wanted.joints {
-                self.pull_joint(ws, i, &P, (sigma, a), [&Phi, &alpha, &of_Sv], gradient);
-            }
-            ws.F[body.parent] += Phi;
-            sweep.alpha[body.parent] += alpha;
-            sweep.nu[body.parent] += nu;
-            sweep.P[body.parent] += P;
-        }
-        // What reached the world is not needed.
-        ws.F[0] = SpatialVector::zeros();
-        for (k, armature) in self.armature.iter().enumerate() {
-            sweep.a[k] += armature * sigma[k];
-            if wanted.effects {
-                gradient.armature[k] += sigma[k] * a[k];
-            }
-        }
-    }
-
-    /// Adds what a joint's origin and axis get.
-    fn pull_joint(
-        &self,
-        ws: &Workspace,
-        i: usize,
-        P: &SpatialVector,
-        (sigma, a): (&[f64], &[f64]),
-        [Phi, alpha, of_Sv]: [&SpatialVector; 3],
-        gradient: &mut NaturalGradient,
-    ) {
-        let body = &self.bodies[i];
-        let (R_WP, p_WP) = (&ws.R_WB[body.parent], &ws.p_WB[body.parent]);
-        let R_WJ = R_WP * body.R_PJ;
-        let p_WJ = p_WP + R_WP * body.p_PJ;
-        let inside = |F: &SpatialVector, R: &Matrix3<f64>, p: &Vector3<f64>| -> [Vector3<f64>; 2] {
-            [R.tr_mul(&(angular(F) - p.cross(&linear(F)))), R.tr_mul(&linear(F))]
-        };
-        let [torque, force] = inside(P, &R_WJ, &p_WJ);
-        gradient.origin[i] += join(&torque, &force);
-        if body.nv != 1 {
-            return;
-        }
-        let q = if body.follows { body.multiplier * ws.q[body.q] + body.offset } else { ws.q[body.q] };
-        let k = body.v;
-        let of_S = (Phi * sigma[k] + alpha * a[k] + of_Sv * ws.v[k]) * body.multiplier;
-        let [turn, slide] = inside(&of_S, &ws.R_WB[i], &ws.p_WB[i]);
-        gradient.axis[i] += match body.motion.kind {
-            // d exp(q n) = (sin q dn + (1 - cos q) n x dn) as a rotation in the joint's frame, for dn across n.
-            JointKind::Revolute | JointKind::Continuous => {
-                let (sin, cos) = q.sin_cos();
-                turn + torque * sin - body.motion.axis.cross(&torque) * (1.0 - cos)
-            }
-            _ => slide + force * q,
-        };
-    }
-
     /// Adds what `q+ = q (+) h w` makes of the cotangent `next` of `q+`: to that of `q`, and of `w`.
     ///
     /// For a group, `q+ = q exp(h w)`: `dq+ = Ad(exp(-h w)) dq + h J_r(h w) dw`, both series in `ad(h w)`, whose transpose is
@@ -580,21 +519,4 @@ fn pull_exponential(x: &SpatialVector, y: SpatialVector) -> (SpatialVector, Spat
         }
     }
     (adjoint, jacobian)
-}
-
-/// Adds the derivatives of `Y . I X` by the ten entries of `I`, both motions in the body's frame.
-#[inline]
-fn add_products(into: &mut [f64; 10], [y, y_v]: &[Vector3<f64>; 2], [x, x_v]: &[Vector3<f64>; 2]) {
-    // Y . I X = y . I x + y . (h x x_v) + m y_v . x_v - y_v . (h x x)
-    into[0] += y_v.dot(x_v);
-    let h = x_v.cross(y) - x.cross(y_v);
-    into[1] += h.x;
-    into[2] += h.y;
-    into[3] += h.z;
-    into[4] += y.x * x.x;
-    into[5] += y.x * x.y + y.y * x.x;
-    into[6] += y.x * x.z + y.z * x.x;
-    into[7] += y.y * x.y;
-    into[8] += y.y * x.z + y.z * x.y;
-    into[9] += y.z * x.z;
 }

@@ -14,6 +14,8 @@
 
 use crate::complementarity::{Held, Hinge, Problem};
 use crate::error::check;
+use crate::residual::ResidualWorkspace;
+use crate::reverse::Solve;
 use crate::{DynamicsError, Input, State, System, Workspace};
 
 /// At which velocity a step takes Coriolis and centrifugal forces.
@@ -27,7 +29,7 @@ pub enum Coriolis {
 }
 
 /// A joint beyond its limit is brought back over this many steps, and not with one blow.
-const RECOVERY_STEPS: f64 = 10.0;
+pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 
 /// Everything that changes while one system is stepped. Made once by [`System::workspace`].
 #[derive(Debug, Clone)]
@@ -39,6 +41,9 @@ pub struct StepWorkspace {
     tau: Vec<f64>,
     q: Vec<f64>,
     z: Vec<f64>,
+    /// The first of two solves, for the reverse pass.
+    pub(crate) first: Solve,
+    pub(crate) residual: Option<ResidualWorkspace>,
 }
 
 impl StepWorkspace {
@@ -53,6 +58,8 @@ impl StepWorkspace {
             tau: vec![0.0; n],
             q: vec![0.0; multibody.nq()],
             z: system.state().z,
+            first: Solve::new(if system.solves_twice() { n } else { 0 }),
+            residual: system.residual.as_ref().map(|r| r.workspace(n)),
         }
     }
 
@@ -81,7 +88,12 @@ impl System {
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(DynamicsError::OutOfBounds { what: "the step".into(), value: dt, must: "a positive time in s".into() });
         }
-        if ws.problem.n != n || ws.z.len() != state.z.len() || ws.problem.stops() != self.stops {
+        if ws.problem.n != n
+            || ws.z.len() != state.z.len()
+            || ws.problem.stops() != self.stops
+            || ws.residual.is_some() != self.residual.is_some()
+            || (self.solves_twice() && ws.first.w.len() != n)
+        {
             return Err(DynamicsError::ForeignWorkspace);
         }
         self.check_state(state)?;
@@ -102,7 +114,7 @@ impl System {
         ws.problem.v.copy_from_slice(&state.v);
         check("the forces of the step", &ws.problem.b, n)?;
         ws.problem.solve()?;
-        if self.coriolis == Coriolis::AtMidpoint {
+        if self.solves_twice() {
             self.correct(ws, state, dt)?;
         }
         check("the next velocities", &ws.problem.v, n)?;
@@ -129,19 +141,31 @@ impl System {
         Ok(())
     }
 
-    /// Solves the step once more, with the Coriolis forces half way to the velocity that was found.
+    /// Solves the step once more, with what depends on the velocity that was found: the Coriolis forces half way to it, and
+    /// the learned residual.
     fn correct(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
-        for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.problem.v)) {
-            *mid = 0.5 * (v + w);
-        }
-        self.multibody().velocities(&mut ws.rigid);
-        self.multibody().newton_euler(&mut ws.rigid, None, true, &mut ws.midpoint_load);
+        ws.first.keep(&ws.problem);
         let (mut change, mut size) = (0.0_f64, 0.0_f64);
-        for (k, mid) in ws.midpoint_load.iter().enumerate() {
-            let more = dt * (-mid - ws.load[k]);
-            ws.problem.b[k] += more;
-            change = change.max(more.abs());
-            size = size.max(ws.problem.b[k].abs());
+        if self.coriolis == Coriolis::AtMidpoint {
+            for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.problem.v)) {
+                *mid = 0.5 * (v + w);
+            }
+            self.multibody().velocities(&mut ws.rigid);
+            self.multibody().newton_euler(&mut ws.rigid, None, true, &mut ws.midpoint_load);
+            for (k, mid) in ws.midpoint_load.iter().enumerate() {
+                let more = dt * (-mid - ws.load[k]);
+                ws.problem.b[k] += more;
+                change = change.max(more.abs());
+                size = size.max(ws.problem.b[k].abs());
+            }
+        }
+        if let (Some(placed), Some(residual)) = (&self.residual, &mut ws.residual) {
+            placed.force(residual, &state.q, &state.v, &ws.tau, &ws.first.w, dt);
+            for (b, f) in ws.problem.b.iter_mut().zip(&residual.force) {
+                *b += dt * f;
+                change = change.max((dt * f).abs());
+                size = size.max(b.abs());
+            }
         }
         // Joints that do not disturb one another end here.
         if change <= 1e-15 * size {

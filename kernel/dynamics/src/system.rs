@@ -7,6 +7,7 @@ use sagci_model::EffectEntry;
 use crate::effects::{self, Effect, Instant, Resistance};
 use crate::error::check;
 use crate::multibody::length;
+use crate::residual::{Placed, Residual};
 use crate::{Coriolis, DynamicsError, ExternalWrench, JointInfo, Multibody, Part, StepWorkspace};
 
 /// A multibody with its effects.
@@ -24,6 +25,7 @@ pub struct System {
     pub(crate) walls: Vec<[f64; 2]>,
     pub(crate) stops: usize,
     pub(crate) coriolis: Coriolis,
+    pub(crate) residual: Option<Placed>,
 }
 
 /// One effect at its place.
@@ -81,6 +83,7 @@ impl System {
             walls: Vec::new(),
             stops: 0,
             coriolis: Coriolis::default(),
+            residual: None,
             multibody,
         };
         for joint in system.multibody.joints().to_vec() {
@@ -186,6 +189,25 @@ impl System {
     /// At which velocity steps take Coriolis forces.
     pub fn set_coriolis(&mut self, coriolis: Coriolis) {
         self.coriolis = coriolis;
+    }
+
+    /// Adds a learned residual, or takes it away. Workspaces made before do not fit afterwards.
+    ///
+    /// # Errors
+    /// The residual names a joint that is not there, or was made for joints of another kind.
+    pub fn set_residual(&mut self, residual: Option<&Residual>) -> Result<(), DynamicsError> {
+        self.residual = residual.map(|r| r.place(&self.multibody)).transpose()?;
+        Ok(())
+    }
+
+    /// The learned residual.
+    pub fn residual(&self) -> Option<&Residual> {
+        self.residual.as_ref().map(|r| &r.residual)
+    }
+
+    /// The learned residual, to set its weights and normalisation.
+    pub fn residual_mut(&mut self) -> Option<&mut Residual> {
+        self.residual.as_mut().map(|r| &mut r.residual)
     }
 
     /// The effects at their places.

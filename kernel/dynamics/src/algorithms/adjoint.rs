@@ -97,7 +97,8 @@ pub struct Adjoint {
     bodies: Vec<BodyGradient>,
     armature: Vec<f64>,
     gravity: Vector3<f64>,
-    W: Vec<SpatialVector>,
+    /// Virtual velocity of each body in the last sweep.
+    pub(crate) W: Vec<SpatialVector>,
     V_bar: Vec<SpatialVector>,
     A_bar: Vec<SpatialVector>,
     W_bar: Vec<SpatialVector>,

@@ -141,9 +141,20 @@ impl Residual {
         &self.network
     }
 
-    /// The network, to set weights and normalisation.
-    pub fn network_mut(&mut self) -> &mut Network {
-        &mut self.network
+    /// Replaces all weights.
+    ///
+    /// # Errors
+    /// As [`Network::set_weights`].
+    pub fn set_weights(&mut self, weights: &[f64]) -> Result<(), DynamicsError> {
+        self.network.set_weights(weights)
+    }
+
+    /// Replaces the normalisation.
+    ///
+    /// # Errors
+    /// As [`Network::set_normalisation`].
+    pub fn set_normalisation(&mut self, normalisation: Normalisation) -> Result<(), DynamicsError> {
+        self.network.set_normalisation(normalisation)
     }
 
     /// Joints that it reads, as `part/joint`.
@@ -225,6 +236,11 @@ impl Placed {
                 at += 3;
             }
         }
+    }
+
+    /// Entries of `v` that the outputs act on.
+    pub fn acts(&self) -> &[usize] {
+        &self.acts
     }
 
     /// The inputs of the last evaluation.
