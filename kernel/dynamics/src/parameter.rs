@@ -30,7 +30,7 @@
 //! inertia); links that are fixed to the world; origins of floating bases. Choices of an effect (a side, a shape) are no
 //! numbers and have none.
 
-use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::JointKind;
 
 use crate::effects::Prior;
@@ -631,6 +631,7 @@ fn left_jacobian(r: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
+    use nalgebra::Rotation3;
     use rand::{RngExt, SeedableRng};
 
     use super::*;

@@ -48,8 +48,10 @@ pub use training::{Sequence, Trainer, TrainingReport};
 use nalgebra::Vector3;
 use sagci_model::JointKind;
 
+use crate::error::check;
 use crate::joint::{matrix, quaternion};
-use crate::{DynamicsError, JointInfo, Multibody};
+use crate::multibody::length;
+use crate::{DynamicsError, JointInfo, Multibody, State, StepWorkspace, System};
 
 /// A network with the joints that it reads and acts on.
 #[derive(Debug, Clone, PartialEq)]
@@ -197,6 +199,47 @@ impl Residual {
             return Err(fault("residual", &message));
         }
         Ok(Placed { residual: self.clone(), reads, acts })
+    }
+}
+
+impl System {
+    /// The residual's force in a state (by velocity, N m or N) for the efforts `u` and the next velocities `next` of the step
+    /// without it, and where it is asked for, all its partials. Zero without a residual.
+    ///
+    /// # Errors
+    /// A vector of the wrong length or with a number that is not finite; a step that is not positive; a workspace of another
+    /// system.
+    pub fn residual_force(
+        &self,
+        ws: &mut StepWorkspace,
+        state: &State,
+        u: &[f64],
+        next: &[f64],
+        dt: f64,
+        force: &mut [f64],
+        jacobians: Option<&mut ResidualJacobians>,
+    ) -> Result<(), DynamicsError> {
+        let n = self.multibody().nv();
+        self.check_state(state)?;
+        check("u", u, n)?;
+        check("next", next, n)?;
+        length("force", force.len(), n)?;
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(DynamicsError::OutOfBounds { what: "the step".into(), value: dt, must: "a positive time in s".into() });
+        }
+        let (Some(placed), Some(room)) = (&self.residual, &mut ws.residual) else {
+            force.fill(0.0);
+            return Ok(());
+        };
+        if room.x.len() != placed.residual.network.inputs() || room.force.len() != n {
+            return Err(DynamicsError::ForeignWorkspace);
+        }
+        placed.force(room, &state.q, &state.v, u, next, dt);
+        force.copy_from_slice(&room.force);
+        if let Some(out) = jacobians {
+            placed.jacobians(room, &state.q, dt, out);
+        }
+        Ok(())
     }
 }
 
