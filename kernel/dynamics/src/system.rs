@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use sagci_model::EffectEntry;
 
+use crate::contact::Contacts;
 use crate::effects::{self, Effect, Instant, Resistance};
 use crate::error::check;
 use crate::multibody::length;
@@ -24,6 +25,8 @@ pub struct System {
     pub(crate) walls: Vec<[f64; 2]>,
     pub(crate) stops: usize,
     pub(crate) coriolis: Coriolis,
+    /// What touches; nothing if there is none.
+    pub(crate) contacts: Option<Box<Contacts>>,
 }
 
 /// One effect at its place.
@@ -81,6 +84,7 @@ impl System {
             walls: Vec::new(),
             stops: 0,
             coriolis: Coriolis::default(),
+            contacts: None,
             multibody,
         };
         for joint in system.multibody.joints().to_vec() {

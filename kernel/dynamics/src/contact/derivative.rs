@@ -1,0 +1,1 @@
+//! Derivatives of the contacts' part of a step.
