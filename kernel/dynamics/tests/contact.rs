@@ -112,11 +112,11 @@ fn a_ball_that_slides_ends_up_rolling_with_five_sevenths_of_its_speed() {
     let (mut ws, mut state) = (system.workspace(), system.state());
     state.q[6] = 0.05;
     state.v[3] = 1.0;
-    run(&system, &mut ws, &mut state, 1e-3, 500);
+    run(&system, &mut ws, &mut state, 1e-4, 5000);
     let R = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(state.q[0], state.q[1], state.q[2], state.q[3]));
     let (w, v) = (R * Vector3::new(state.v[0], state.v[1], state.v[2]), R * Vector3::new(state.v[3], state.v[4], state.v[5]));
-    assert!((v.x - 5.0 / 7.0).abs() < 0.01, "{v:?}");
-    assert!((v.x - 0.05 * w.y).abs() < 1e-5, "{v:?} {w:?}");
+    assert!((v.x - 5.0 / 7.0).abs() < 0.001, "{v:?}");
+    assert!((v.x - 0.05 * w.y).abs() < 1e-4, "{v:?} {w:?}");
     assert!(ws.contacts(&system).all(|c| c.sticks));
 }
 
@@ -186,14 +186,16 @@ fn energy_never_grows() {
         state.v.copy_from_slice(&turn);
         let mut last = energy(&system, &mut ws, &state);
         let first = last;
-        for _ in 0..3000 {
-            system.step(&mut ws, &mut state, &Input::default(), 1e-3).unwrap();
+        for step in 0..3000 {
+            if let Err(e) = system.step(&mut ws, &mut state, &Input::default(), 1e-3) {
+                panic!("seed {seed} step {step}: {e} {state:?} {:?}", ws.contacts(&system).collect::<Vec<_>>());
+            }
             let now = energy(&system, &mut ws, &state);
             // What springs of contact give back, and the integrator's error in free flight.
             let spring: f64 = ws.contacts(&system).map(|c| 0.5 * 1e6 * c.depth.max(0.0).powi(2)).sum();
             assert!(now < last + spring + 2e-5 * first.abs(), "seed {seed}: {last} {now} {spring}");
             last = now;
         }
-        assert!(state.q[6] > 0.0 && state.v.iter().all(|v| v.abs() < 5.0), "{state:?}");
+        assert!(state.q[6] > 0.0 && state.v.iter().all(|v| v.abs() < 50.0), "{state:?}");
     }
 }

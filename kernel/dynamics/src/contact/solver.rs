@@ -13,7 +13,8 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
-use super::cone::{Law, Normal, Scheme, direction, direction_slope};
+use super::cone::{Law, Normal, Scheme, direction};
+use super::derivative::Wrench;
 use super::geometry::Poses;
 use super::grasp::{Held as HeldGrasp, about};
 use super::point::{Found, Manifold};
@@ -124,6 +125,11 @@ pub(crate) struct ContactWorkspace {
     at: Vec<f64>,
     way: Vec<f64>,
     short: Vec<f64>,
+    /// Wrenches with their derivatives, by touching pair of shapes and by pair of bodies.
+    pub by_pair: Vec<Wrench>,
+    pub by_active: Vec<Wrench>,
+    pub outward_w: Vec<SpatialVector>,
+    pub outward_v: Vec<SpatialVector>,
     /// Rounds that the last step took.
     pub rounds: usize,
 }
@@ -146,6 +152,10 @@ impl ContactWorkspace {
             at: vec![0.0; n],
             way: vec![0.0; n],
             short: vec![0.0; n],
+            by_pair: Vec::with_capacity(contacts.pairs.len()),
+            by_active: Vec::with_capacity(contacts.groups.len()),
+            outward_w: Vec::with_capacity(n.max(contacts.columns)),
+            outward_v: Vec::with_capacity(n.max(contacts.columns)),
             rounds: 0,
         }
     }
@@ -386,7 +396,7 @@ impl ContactWorkspace {
     }
 
     /// Velocities of all pairs of bodies and at all points.
-    fn rates(&mut self, contacts: &Contacts, v: &[f64]) {
+    pub(crate) fn rates(&mut self, contacts: &Contacts, v: &[f64]) {
         for active in &mut self.active {
             let group = &contacts.groups[active.group];
             let mut V = SpatialVector::zeros();
@@ -505,7 +515,8 @@ impl ContactWorkspace {
 
     /// Error of all models over the size of all impulses.
     fn error(&self) -> f64 {
-        let (mut error, mut size) = (0.0, 0.0);
+        // Where nothing pushes, the momentum stands in for the impulses.
+        let (mut error, mut size) = (0.0, 1e-6 * self.rhs.iter().map(|b| b * b).sum::<f64>());
         for p in &self.points {
             error += self.gap(p).norm_squared();
             size += self.force_size(p);
@@ -601,17 +612,6 @@ impl ContactWorkspace {
                 id: p.found.id,
             })
         })
-    }
-
-    /// The Hessian block of a point at the solution: `-d impulse / d v`.
-    pub fn stiffness(&self, p: &Point) -> Matrix3<f64> {
-        let n = &p.found.n;
-        let v_n = n.dot(&p.v);
-        let by_v = p.law.normal(&self.scheme, p.found.depth, v_n).by_v;
-        let v_t = p.v - n * v_n;
-        let (s, _, speed) = direction(self.scheme.slip, &v_t);
-        let across = Matrix3::identity() - n * n.transpose();
-        across * direction_slope(self.scheme.slip, &s, p.stuck, speed) * across * p.limit - n * n.transpose() * by_v
     }
 }
 
