@@ -25,7 +25,7 @@ pub(crate) struct Hinge {
 
 impl Hinge {
     #[inline]
-    fn push(&self, v: f64) -> f64 {
+    pub fn push(&self, v: f64) -> f64 {
         self.side * (self.offset + self.slope * self.side * v).max(0.0)
     }
 }
@@ -94,6 +94,9 @@ impl Problem {
 
     /// Solves from the starting point `self.v`.
     pub fn solve(&mut self) -> Result<(), DynamicsError> {
+        if self.hinges.is_empty() && self.dry.iter().all(|f| *f == 0.0) && self.unconstrained()? {
+            return Ok(());
+        }
         for (v, [lower, upper]) in self.v.iter_mut().zip(&self.walls) {
             *v = v.max(*lower).min(*upper);
         }
@@ -129,6 +132,23 @@ impl Problem {
             }
         }
         Err(DynamicsError::NoConvergence { what: WHAT, residual, iterations: rounds })
+    }
+
+    /// Without friction and stops: the linear system, if its solution keeps off the limits. False if not; nothing is lost then.
+    fn unconstrained(&mut self) -> Result<bool, DynamicsError> {
+        let n = self.n;
+        self.factor.copy_from_slice(&self.A);
+        cholesky(&mut self.factor, n).map_err(|_| DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 })?;
+        self.rhs.copy_from_slice(&self.b);
+        cholesky_solve(&self.factor, n, &mut self.rhs);
+        if !self.rhs.iter().zip(&self.walls).all(|(v, [lower, upper])| lower < v && v < upper) {
+            return Ok(false);
+        }
+        self.v.copy_from_slice(&self.rhs);
+        self.free.clear();
+        self.free.extend(0..n);
+        self.held.fill(Held::Free);
+        Ok(true)
     }
 
     /// `A v - b` at the present `v`.

@@ -72,6 +72,14 @@ pub enum DynamicsError {
         /// What happened.
         source: Box<DynamicsError>,
     },
+    /// A shape cannot take part in contact.
+    #[error("'{place}' {message}")]
+    Shape {
+        /// The link, as `part/link`.
+        place: String,
+        /// What is wrong, and what to do about it.
+        message: String,
+    },
     /// A solver did not reach its tolerance.
     #[error("{what} did not converge (residual {residual:.3e} after {iterations} iterations); try a smaller step")]
     NoConvergence {

@@ -30,6 +30,7 @@
 
 mod algorithms;
 mod complementarity;
+mod contact;
 pub mod effects;
 mod error;
 mod joint;
@@ -47,7 +48,9 @@ mod workspace;
 pub use algorithms::adjoint::{Adjoint, RigidGradient};
 pub use algorithms::derivatives::{ForwardDynamicsDerivatives, InverseDynamicsDerivatives};
 pub use algorithms::momentum::Momentum;
+pub use algorithms::parameters::RigidParameter;
 pub use complementarity::Held;
+pub use contact::{ContactMaterial, ContactOptions, ContactPoint, Grasp};
 pub use error::DynamicsError;
 pub use joint::plane_axes;
 pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};

@@ -10,6 +10,8 @@
 //! | joint origin | `part/joint.origin.turn.x`, `part/joint.origin.place.x` | turn (rotation vector) against the one that it had, rad; place in the parent link's frame, m |
 //! | armature | `part/joint.armature`, `.armature.1` and on where it has several degrees of freedom | kg m^2 or kg |
 //! | effect | `part/joint.viscous_friction.damping`; the second effect of one name on one joint `...friction#2.damping` | the effect's own |
+//! | surface | `part/link.surface.friction`, `.stiffness`, `.dissipation`; the second shape of one link `...surface#2...` | as `ContactMaterial` |
+//! | shape | `part/link.shape.turn.x`, `part/link.shape.place.x`, likewise | turn against the one that it had, rad; place on its body, m |
 //! | residual | `residual.weight.7` | 1 |
 //!
 //! A pattern may hold `*` for anything: `microwave/hinge.*`, `*.axis.*`.
@@ -30,7 +32,7 @@
 //! inertia); links that are fixed to the world; origins of floating bases. Choices of an effect (a side, a shape) are no
 //! numbers and have none.
 
-use nalgebra::{Isometry3, Matrix3, Matrix4, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::JointKind;
 
 use crate::effects::Prior;
@@ -60,6 +62,10 @@ pub enum ParameterId {
         /// Which of its parameters.
         parameter: usize,
     },
+    /// Friction, stiffness or dissipation (0 to 2) of a shape's surface; shapes in the order of the system's.
+    Surface(usize, usize),
+    /// Turn (0 to 2) and place (3 to 5) of a shape on its body.
+    ShapePose(usize, usize),
     /// A weight of the residual.
     Residual(usize),
 }
@@ -85,6 +91,14 @@ pub enum ParameterKind {
     DryFriction,
     /// Parameters of all other effects.
     Effect,
+    /// Friction of surfaces.
+    ContactFriction,
+    /// Stiffness of surfaces.
+    ContactStiffness,
+    /// Dissipation of surfaces.
+    ContactDissipation,
+    /// Poses of shapes.
+    ShapePose,
     /// Weights of the residual.
     Residual,
 }
@@ -202,6 +216,23 @@ impl System {
                 push(id, kind, format!("{name}.{}", p.name), p.unit[usize::from(slides)], p.bounds, Reference::Zero);
             }
         }
+        for (g, geometry) in self.contacts.iter().flat_map(|c| c.geometries.iter().enumerate()) {
+            let earlier = self.contacts.iter().flat_map(|c| &c.geometries[..g]).filter(|o| o.name == geometry.name).count();
+            let which = if earlier > 0 { format!("#{}", earlier + 1) } else { String::new() };
+            let kinds = [ParameterKind::ContactFriction, ParameterKind::ContactStiffness, ParameterKind::ContactDissipation];
+            let units = [("friction", "1"), ("stiffness", "N/m"), ("dissipation", "s/m")];
+            for (k, (kind, (what, unit))) in kinds.into_iter().zip(units).enumerate() {
+                let least = if k == 1 { f64::MIN_POSITIVE } else { 0.0 };
+                let name = format!("{}.surface{which}.{what}", geometry.name);
+                push(ParameterId::Surface(g, k), kind, name, unit, [least, f64::MAX], Reference::Zero);
+            }
+            for k in 0..6 {
+                let (what, unit) = if k < 3 { ("turn", "rad") } else { ("place", "m") };
+                let name = format!("{}.shape{which}.{what}.{}", geometry.name, XYZ[k % 3]);
+                let bounds = if k < 3 { ANY } else { LENGTH };
+                push(ParameterId::ShapePose(g, k), ParameterKind::ShapePose, name, unit, bounds, Reference::Turn(turn_of(&geometry.R_BG)));
+            }
+        }
         for k in 0..self.residual().map_or(0, |r| r.network().weights().len()) {
             push(ParameterId::Residual(k), ParameterKind::Residual, format!("residual.weight.{k}"), "1", ANY, Reference::Zero);
         }
@@ -258,7 +289,7 @@ impl System {
         }
         let mut weights = self.residual().map(|r| r.network().weights().to_vec());
         let multibody = self.multibody_mut();
-        let (mut links, mut axes, mut origins) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut links, mut axes, mut origins, mut shapes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (entry, value) in which.entries.iter().zip(values) {
             match (entry.id, entry.from) {
                 (ParameterId::LinkMass(link), _) => of_link(multibody, &mut links, link).alpha = *value,
@@ -299,12 +330,33 @@ impl System {
                     let at = self.placements()[placement].theta.start + parameter;
                     self.parameters_mut()[at] = *value;
                 }
+                ParameterId::Surface(g, k) => {
+                    if let Some(contacts) = &mut self.contacts {
+                        let material = &mut contacts.geometries[g].material;
+                        *[&mut material.friction, &mut material.stiffness, &mut material.dissipation][k] = *value;
+                    }
+                }
+                ParameterId::ShapePose(g, k) => {
+                    if let (Some(contacts), Reference::Turn(from)) = (&self.contacts, entry.from) {
+                        let geometry = &contacts.geometries[g];
+                        let make = || (from, (from.inverse() * turn_of(&geometry.R_BG)).scaled_axis(), geometry.p_BG);
+                        let at: &mut (UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>) = find_or(&mut shapes, g, make);
+                        if k < 3 { at.1[k] = *value } else { at.2[k - 3] = *value }
+                    }
+                }
                 ParameterId::Residual(k) => {
                     if let Some(weights) = &mut weights {
                         weights[k] = *value;
                     }
                 }
                 _ => {}
+            }
+        }
+        for (g, (from, turn, place)) in shapes {
+            if let Some(contacts) = &mut self.contacts {
+                let geometry = &mut contacts.geometries[g];
+                geometry.R_BG = crate::joint::matrix(&(from * UnitQuaternion::from_scaled_axis(turn)));
+                geometry.p_BG = place;
             }
         }
         if let (Some(residual), Some(weights)) = (self.residual_mut(), weights) {
@@ -399,8 +451,16 @@ impl ParameterVector {
             (ParameterId::Effect { placement, parameter }, _) => {
                 system.parameters()[system.placements()[placement].theta.start + parameter]
             }
+            (ParameterId::Surface(g, k), _) => system.contacts.as_ref().map_or(0.0, |c| {
+                let material = &c.geometries[g].material;
+                [material.friction, material.stiffness, material.dissipation][k]
+            }),
+            (ParameterId::ShapePose(g, k), Reference::Turn(from)) => system.contacts.as_ref().map_or(0.0, |c| {
+                let geometry = &c.geometries[g];
+                if k < 3 { (from.inverse() * turn_of(&geometry.R_BG)).scaled_axis()[k] } else { geometry.p_BG[k - 3] }
+            }),
             (ParameterId::Residual(k), _) => system.residual().map_or(0.0, |r| r.network().weights()[k]),
-            (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..), _) => 0.0,
+            (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..) | ParameterId::ShapePose(..), _) => 0.0,
         });
         Ok(values.collect())
     }
@@ -447,8 +507,18 @@ impl ParameterVector {
                 (ParameterId::Effect { placement, parameter }, _) => {
                     natural.theta[system.placements()[placement].theta.start + parameter]
                 }
+                (ParameterId::Surface(g, k), _) => natural.material[g][k],
+                (ParameterId::ShapePose(g, k), Reference::Turn(from)) => system.contacts.as_ref().map_or(0.0, |c| {
+                    let (twist, R) = (&natural.shape[g], &c.geometries[g].R_BG);
+                    if k < 3 {
+                        let turn = (from.inverse() * turn_of(R)).scaled_axis();
+                        left_jacobian(&turn, &Vector3::new(twist[0], twist[1], twist[2]))[k]
+                    } else {
+                        (R * Vector3::new(twist[3], twist[4], twist[5]))[k - 3]
+                    }
+                }),
                 (ParameterId::Residual(k), _) => natural.weights[k],
-                (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..), _) => 0.0,
+                (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..) | ParameterId::ShapePose(..), _) => 0.0,
             };
         }
         Ok(())
@@ -463,6 +533,9 @@ impl ParameterVector {
             ParameterId::Armature(v) => v < multibody.nv(),
             ParameterId::Effect { placement, parameter } => {
                 system.placements().get(placement).is_some_and(|p| parameter < p.theta.len())
+            }
+            ParameterId::Surface(g, _) | ParameterId::ShapePose(g, _) => {
+                system.contacts.as_ref().is_some_and(|c| g < c.geometries.len())
             }
             ParameterId::Residual(k) => system.residual().is_some_and(|r| k < r.network().weights().len()),
         };
@@ -590,6 +663,10 @@ fn upper_factor(V: &Matrix3<f64>) -> Option<[f64; 6]> {
     Some([u11.ln(), u22.ln(), u33.ln(), u12, u23, u13])
 }
 
+fn turn_of(R: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*R))
+}
+
 /// Two unit vectors across a unit vector.
 fn across(a: &Vector3<f64>) -> [Vector3<f64>; 2] {
     crate::plane_axes(&Unit::new_unchecked(*a))
@@ -631,7 +708,6 @@ fn left_jacobian(r: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use nalgebra::Rotation3;
     use rand::{RngExt, SeedableRng};
 
     use super::*;

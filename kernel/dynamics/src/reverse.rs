@@ -14,12 +14,18 @@
 //! A step with Coriolis forces half way, or with a learned residual, is solved twice; it is taken back the same way: the
 //! second solve first, whose dependence on the first one's `w~` is the cotangent that the first one starts from.
 
+use nalgebra::{Matrix3, Vector3};
 use sagci_model::JointKind;
 
 use crate::complementarity::{Held, Problem};
+use crate::contact::Contacts;
+use crate::contact::derivative::Seed;
+use crate::contact::solver::ContactWorkspace;
 use crate::effects::{Instant, MAX_PARAMETERS, Partial, Resistance};
-use crate::linear::cholesky_solve;
+use crate::joint::matrix;
+use crate::linear::{cholesky, cholesky_solve};
 use crate::residual::{ResidualCotangents, ResidualWorkspace};
+use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
 use crate::{
     Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, Placement, RigidGradient, SpatialVector, State, StepWorkspace, System,
@@ -69,6 +75,10 @@ pub struct NaturalGradient {
     pub theta: Vec<f64>,
     /// By the weights of the residual.
     pub weights: Vec<f64>,
+    /// By friction, stiffness and dissipation of each shape's surface.
+    pub material: Vec<[f64; 3]>,
+    /// By a twist of each shape on its link, in the shape's own frame at its origin.
+    pub shape: Vec<SpatialVector>,
 }
 
 impl NaturalGradient {
@@ -78,6 +88,8 @@ impl NaturalGradient {
             rigid: RigidGradient::new(system.multibody()),
             theta: vec![0.0; system.parameters().len()],
             weights: vec![0.0; system.residual().map_or(0, |r| r.network().weights().len())],
+            material: vec![[0.0; 3]; system.contacts.as_ref().map_or(0, |c| c.geometries.len())],
+            shape: vec![SpatialVector::zeros(); system.contacts.as_ref().map_or(0, |c| c.geometries.len())],
         }
     }
 }
@@ -115,6 +127,9 @@ impl Solve {
 pub(crate) struct Record {
     pub state: State,
     load: Vec<f64>,
+    /// Hessian of all but contact and stops, where there are contacts: the solver's last factor is only near the one at the
+    /// solution.
+    A: Vec<f64>,
     first: Solve,
     /// Used where the step is solved twice.
     second: Solve,
@@ -124,14 +139,16 @@ impl Record {
     pub fn new(system: &System) -> Self {
         let n = system.multibody().nv();
         let second = if system.solves_twice() { n } else { 0 };
-        Self { state: system.state(), load: vec![0.0; n], first: Solve::new(n), second: Solve::new(second) }
+        let square = if system.contacts.is_some() { n * n } else { 0 };
+        Self { state: system.state(), load: vec![0.0; n], A: vec![0.0; square], first: Solve::new(n), second: Solve::new(second) }
     }
 
     /// Bytes that one record takes.
     pub fn bytes(system: &System) -> usize {
         let (n, state) = (system.multibody().nv(), system.state());
         let solves = if system.solves_twice() { 2 } else { 1 };
-        let numbers = state.q.len() + state.v.len() + state.z.len() + n + solves * n * (n + 1);
+        let squares = solves + usize::from(system.contacts.is_some());
+        let numbers = state.q.len() + state.v.len() + state.z.len() + n + solves * n + squares * n * n;
         std::mem::size_of::<Self>() + 8 * numbers + solves * n * std::mem::size_of::<Held>()
     }
 
@@ -143,6 +160,9 @@ impl Record {
     /// Keeps how the step was solved.
     pub fn end(&mut self, system: &System, ws: &StepWorkspace) {
         self.load.copy_from_slice(&ws.load);
+        if !self.A.is_empty() {
+            self.A.copy_from_slice(&ws.problem.A);
+        }
         if system.solves_twice() {
             self.first.copy(&ws.first);
             self.second.keep(&ws.problem);
@@ -165,6 +185,11 @@ pub(crate) struct ReverseWorkspace {
     rigid: Workspace,
     pub adjoint: Adjoint,
     residual: Option<ResidualWorkspace>,
+    contact: Option<Box<ContactWorkspace>>,
+    seeds: Vec<Seed>,
+    factor: Vec<f64>,
+    pub material: Vec<[f64; 3]>,
+    pub shape: Vec<SpatialVector>,
     /// Take gradients by parameters of the rigid bodies; by those of effects and residual.
     pub wanted: Wanted,
     pub theta: Vec<f64>,
@@ -203,6 +228,11 @@ impl ReverseWorkspace {
             rigid: multibody.workspace(),
             adjoint: Adjoint::new(multibody),
             residual: system.residual.as_ref().map(|r| r.workspace(n)),
+            contact: system.contacts.as_ref().map(|c| Box::new(ContactWorkspace::new(c, n))),
+            seeds: vec![Seed::default(); multibody.bodies.len()],
+            factor: vec![0.0; n * n],
+            material: natural.material,
+            shape: natural.shape,
             wanted: Wanted::ALL,
             theta: natural.theta,
             weights: natural.weights,
@@ -221,6 +251,8 @@ impl ReverseWorkspace {
         self.adjoint.clear();
         self.theta.fill(0.0);
         self.weights.fill(0.0);
+        self.material.fill([0.0; 3]);
+        self.shape.fill(SpatialVector::zeros());
     }
 }
 
@@ -254,6 +286,9 @@ impl System {
         ws.rigid.v.copy_from_slice(&state.v);
         multibody.kinematics(&mut ws.rigid);
         multibody.gather_external(&mut ws.rigid, input.external)?;
+        if let (Some(contacts), Some(contact)) = (&self.contacts, &mut ws.contact) {
+            contact.find(contacts, multibody, &ws.rigid, dt);
+        }
         ws.load_bar.fill(0.0);
         std::mem::swap(&mut ws.next, bar);
         bar.clear();
@@ -313,8 +348,24 @@ impl System {
         let (multibody, state) = (self.multibody(), &record.state);
         let n = multibody.nv();
         let solve = if first { &record.first } else { &record.second };
-        if !free_part(solve, &ws.w, &mut ws.rhs, &mut ws.lambda) {
+        if ws.w.iter().all(|w| *w == 0.0) {
             return;
+        }
+        let touching = match (&self.contacts, &mut ws.contact) {
+            (Some(contacts), Some(contact)) if !contact.active.is_empty() => {
+                contact.rates(contacts, &solve.w);
+                contact.differentiate();
+                self.factor(contacts, contact, record, solve, dt, input.tau, &mut ws.factor);
+                free_part(&ws.factor, &solve.held, &ws.w, &mut ws.rhs, &mut ws.lambda);
+                true
+            }
+            _ => {
+                free_part(&solve.factor, &solve.held, &ws.w, &mut ws.rhs, &mut ws.lambda);
+                false
+            }
+        };
+        if touching {
+            self.reverse_contacts(ws, &solve.w, &state.v);
         }
         self.reverse_effects(ws, record, solve, dt, bar, input);
         // The rigid part: sigma . ID(q, v, a) with sigma = -h lambda.
@@ -335,6 +386,9 @@ impl System {
             let of_a = ws.adjoint.a[k] / dt;
             bar.q[k] += ws.adjoint.q[k];
             bar.v[k] -= of_a;
+            if touching {
+                bar.v[k] += ws.adjoint.channels[OLD].by_rates[k];
+            }
             input.tau_bar[k] += dt * ws.lambda[k];
             if midpoint {
                 bar.v[k] += 0.5 * ws.adjoint.v[k];
@@ -343,8 +397,9 @@ impl System {
                 bar.v[k] += ws.adjoint.v[k];
             }
             if solve.held[k] == Held::AtLimit {
-                // of_a = -(M lambda)_k, so the sum is w' - H_held,free lambda.
-                bar.q[k] -= (ws.w[k] + of_a) / (dt * self.wall_steps(k, state, solve.w[k]));
+                // of_a = -(M lambda)_k, and contacts give what their part of H does, so the sum is w' - H_held,free lambda.
+                let of_contacts = if touching { ws.adjoint.channels[NEXT].by_rates[k] } else { 0.0 };
+                bar.q[k] -= (ws.w[k] + of_a + of_contacts) / (dt * self.wall_steps(k, state, solve.w[k]));
             }
         }
         if midpoint {
@@ -446,26 +501,136 @@ impl System {
     }
 }
 
-/// Solves `H lambda = w'` on the free coordinates. False where nothing comes of it.
-fn free_part(solve: &Solve, w: &[f64], rhs: &mut [f64], lambda: &mut [f64]) -> bool {
-    let (mut m, mut any) = (0, false);
-    for (w, held) in w.iter().zip(&solve.held) {
-        any |= *w != 0.0;
+/// Solves `H lambda = w'` on the free coordinates.
+fn free_part(factor: &[f64], held: &[Held], w: &[f64], rhs: &mut [f64], lambda: &mut [f64]) {
+    let mut m = 0;
+    for (w, held) in w.iter().zip(held) {
         if *held == Held::Free {
             rhs[m] = *w;
             m += 1;
         }
     }
-    cholesky_solve(&solve.factor, m, &mut rhs[..m]);
+    cholesky_solve(factor, m, &mut rhs[..m]);
     m = 0;
-    for (lambda, held) in lambda.iter_mut().zip(&solve.held) {
+    for (lambda, held) in lambda.iter_mut().zip(held) {
         *lambda = 0.0;
         if *held == Held::Free {
             *lambda = rhs[m];
             m += 1;
         }
     }
-    any
+}
+
+/// Which of the sweep's channels carries which rates.
+const NEXT: usize = 0;
+const OLD: usize = 1;
+const MULTIPLIER: usize = 2;
+
+impl System {
+    /// The factor of `H` at a solution with contacts, on the free coordinates.
+    #[allow(clippy::too_many_arguments)]
+    fn factor(
+        &self,
+        contacts: &Contacts,
+        contact: &ContactWorkspace,
+        record: &Record,
+        solve: &Solve,
+        dt: f64,
+        tau: &[f64],
+        H: &mut [f64],
+    ) {
+        let n = solve.w.len();
+        H.copy_from_slice(&record.A);
+        for (active, wrench) in contact.active.iter().zip(&contact.by_active) {
+            let group = &contacts.groups[active.group];
+            let J = &contact.J[group.start..group.start + group.columns.len()];
+            for (Jj, cj) in J.iter().zip(&group.columns) {
+                let column = wrench.by_V * Jj;
+                for (Ji, ci) in J.iter().zip(&group.columns) {
+                    H[ci.v * n + cj.v] -= Ji.dot(&column);
+                }
+            }
+        }
+        for placed in self.placements() {
+            let resistance = self.resistance(placed, &record.state, tau, &record.load);
+            if let Some(stop) = resistance.stop {
+                let slope = stop.damping + dt * stop.stiffness;
+                if stop.stiffness * stop.depth + slope * stop.side * solve.w[placed.v] > 0.0 {
+                    H[placed.v * n + placed.v] += dt * slope;
+                }
+            }
+        }
+        let mut m = 0;
+        for i in (0..n).filter(|i| solve.held[*i] == Held::Free) {
+            for j in (0..n).filter(|j| solve.held[*j] == Held::Free) {
+                H[m] = H[i * n + j];
+                m += 1;
+            }
+        }
+        let free = solve.held.iter().filter(|h| **h == Held::Free).count();
+        // Positive definite as the base problem's is, to which contacts only add; if rounding says otherwise the step's own serves.
+        if cholesky(&mut H[..free * free], free).is_err() {
+            H[..free * free].copy_from_slice(&solve.factor[..free * free]);
+        }
+    }
+
+    /// Hands what contacts make of `lambda` to the next sweep, and takes their parameters' share.
+    fn reverse_contacts(&self, ws: &mut ReverseWorkspace, w: &[f64], v: &[f64]) {
+        let (Some(contacts), Some(contact)) = (&self.contacts, &ws.contact) else { return };
+        ws.seeds.fill(Seed::default());
+        contact.reverse(contacts, &ws.lambda, &mut ws.seeds);
+        let zero = SpatialVector::zeros();
+        for (rates, channel) in [w, v, &ws.lambda].into_iter().zip(&mut ws.adjoint.channels) {
+            channel.rates.copy_from_slice(rates);
+        }
+        for (body, seed) in ws.seeds.iter().enumerate() {
+            ws.adjoint.seed_body(body, &seed.pose, &zero);
+            ws.adjoint.channels[NEXT].seed[body] = seed.next;
+            ws.adjoint.channels[OLD].seed[body] = seed.old;
+            ws.adjoint.channels[MULTIPLIER].seed[body] = seed.multiplier;
+        }
+        if !ws.wanted.rigid {
+            return;
+        }
+        let multibody = self.multibody();
+        let (rigid, link_pose, material, shape) = (&ws.rigid, &mut ws.adjoint.link_pose, &mut ws.material, &mut ws.shape);
+        // A spatial force in the world, in the frame at the pose (R, p) on a body.
+        let inside = |body: usize, R: &Matrix3<f64>, p: &Vector3<f64>, F: &SpatialVector| {
+            let (R_W, p_W) = (rigid.R_WB[body] * R, rigid.p_WB[body] + rigid.R_WB[body] * p);
+            join(&R_W.tr_mul(&(angular(F) - p_W.cross(&linear(F)))), &R_W.tr_mul(&linear(F)))
+        };
+        let mut on_link = |frame: Option<usize>, F: &SpatialVector| {
+            if let Some(f) = frame {
+                let X = &multibody.frames[f].X_BL;
+                link_pose[f] += inside(multibody.frames[f].body, &matrix(&X.rotation), &X.translation.vector, F);
+            }
+        };
+        contact.reverse_parameters(contacts, &ws.lambda, |pair, by, of_a, of_b| {
+            let pair = &contacts.pairs[pair];
+            for (one, other, F) in [(pair.a, pair.b, of_a), (pair.b, pair.a, of_b)] {
+                let (g, h) = (&contacts.geometries[one], &contacts.geometries[other]);
+                on_link(g.frame, &F);
+                shape[one] += inside(g.body, &g.R_BG, &g.p_BG, &F);
+                // Rows of the law: stiffness, dissipation, friction.
+                let slope = g.material.between_by_self(&h.material);
+                let [friction, stiffness, dissipation] = by;
+                let of_self = slope.tr_mul(&Vector3::new(stiffness, dissipation, friction));
+                material[one][0] += of_self[2];
+                material[one][1] += of_self[0];
+                material[one][2] += of_self[1];
+            }
+        });
+        for (bushing, grasp) in contact.bushings.iter().zip(&contacts.grasps) {
+            let active = &contact.active[bushing.slot];
+            let multiplier = contact.relative(contacts, active.group, &ws.lambda);
+            let F = bushing.held.impulse(&active.V);
+            let next = -(bushing.held.slope(&active.V).transpose() * multiplier);
+            let of_a = bushing.held.by_pose(&active.V).transpose() * multiplier;
+            let of_b = -cross_force(&multiplier, &F) - cross_force(&active.V, &next) - of_a;
+            on_link(Some(grasp.a.0), &of_a);
+            on_link(Some(grasp.b.0), &of_b);
+        }
+    }
 }
 
 impl Multibody {

@@ -268,6 +268,8 @@ impl Rollout {
         system.multibody().rigid_gradient(&self.reverse.adjoint, &mut self.gradient.natural.rigid)?;
         self.gradient.natural.theta.copy_from_slice(&self.reverse.theta);
         self.gradient.natural.weights.copy_from_slice(&self.reverse.weights);
+        self.gradient.natural.material.copy_from_slice(&self.reverse.material);
+        self.gradient.natural.shape.copy_from_slice(&self.reverse.shape);
         check("the gradient by effects", &self.gradient.natural.theta, self.reverse.theta.len())?;
         check("the gradient by the residual's weights", &self.gradient.natural.weights, self.reverse.weights.len())
     }
@@ -303,6 +305,7 @@ impl Rollout {
             || natural.theta.len() != system.parameters().len()
             || natural.weights.len() != system.residual().map_or(0, |r| r.network().weights().len())
             || natural.rigid.inertia.len() != system.multibody().frames.len()
+            || natural.shape.len() != system.contacts.as_ref().map_or(0, |c| c.geometries.len())
         {
             return Err(DynamicsError::ForeignWorkspace);
         }
@@ -402,13 +405,16 @@ impl RolloutGradient {
                 *a += factor * b;
             }
         }
-        for (a, b) in self.wrenches.iter_mut().zip(&other.wrenches).chain(to.rigid.origin.iter_mut().zip(&from.rigid.origin)) {
+        for (a, b) in self.wrenches.iter_mut().zip(&other.wrenches).chain(to.rigid.origin.iter_mut().zip(&from.rigid.origin)).chain(to.shape.iter_mut().zip(&from.shape)) {
             *a += b * factor;
         }
         for (a, b) in to.rigid.axis.iter_mut().zip(&from.rigid.axis) {
             *a += b * factor;
         }
         for (a, b) in to.rigid.inertia.iter_mut().flatten().zip(from.rigid.inertia.iter().flatten()) {
+            *a += factor * b;
+        }
+        for (a, b) in to.material.iter_mut().flatten().zip(from.material.iter().flatten()) {
             *a += factor * b;
         }
         to.rigid.gravity += from.rigid.gravity * factor;

@@ -13,10 +13,11 @@
 //! [`Coriolis::AtMidpoint`] solves the step once with `c(q, v)` for a first `w`, then once more with `c(q, (v + w) / 2)`.
 
 use crate::complementarity::{Held, Hinge, Problem};
+use crate::contact::solver::ContactWorkspace;
 use crate::error::check;
 use crate::residual::ResidualWorkspace;
 use crate::reverse::Solve;
-use crate::{DynamicsError, Input, State, System, Workspace};
+use crate::{ContactPoint, DynamicsError, Input, State, System, Workspace};
 
 /// At which velocity a step takes Coriolis and centrifugal forces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -44,6 +45,7 @@ pub struct StepWorkspace {
     /// The first of two solves, for the reverse pass.
     pub(crate) first: Solve,
     pub(crate) residual: Option<ResidualWorkspace>,
+    pub(crate) contact: Option<Box<ContactWorkspace>>,
 }
 
 impl StepWorkspace {
@@ -60,12 +62,19 @@ impl StepWorkspace {
             z: system.state().z,
             first: Solve::new(if system.solves_twice() { n } else { 0 }),
             residual: system.residual.as_ref().map(|r| r.workspace(n)),
+            contact: system.contacts.as_ref().map(|c| Box::new(ContactWorkspace::new(c, n))),
         }
     }
 
     /// The workspace of the rigid bodies; put a state in before asking it anything.
     pub fn rigid(&mut self) -> &mut Workspace {
         &mut self.rigid
+    }
+
+    /// The contact points of the last step.
+    pub fn contacts<'a>(&'a self, system: &'a System) -> impl Iterator<Item = ContactPoint<'a>> + 'a {
+        let found = system.contacts.as_deref().zip(self.contact.as_deref());
+        found.into_iter().flat_map(|(contacts, ws)| ws.list(contacts))
     }
 
     /// What held each degree of freedom in the last step.
@@ -113,7 +122,7 @@ impl System {
         self.assemble(ws, state, dt);
         ws.problem.v.copy_from_slice(&state.v);
         check("the forces of the step", &ws.problem.b, n)?;
-        ws.problem.solve()?;
+        self.solve(ws, dt, false)?;
         if self.solves_twice() {
             self.correct(ws, state, dt)?;
         }
@@ -172,7 +181,21 @@ impl System {
             return Ok(());
         }
         check("the forces of the step", &ws.problem.b, ws.problem.n)?;
-        ws.problem.solve()
+        self.solve(ws, dt, true)
+    }
+
+    /// Solves the step's problem with all that touches. `again`: for other forces in the same state.
+    fn solve(&self, ws: &mut StepWorkspace, dt: f64, again: bool) -> Result<(), DynamicsError> {
+        match (&self.contacts, &mut ws.contact) {
+            (None, None) => ws.problem.solve(),
+            (Some(contacts), Some(contact)) if contact.fits(contacts) => {
+                if !again {
+                    contact.find(contacts, self.multibody(), &ws.rigid, dt);
+                }
+                contact.solve(contacts, &mut ws.problem, again)
+            }
+            _ => Err(DynamicsError::ForeignWorkspace),
+        }
     }
 
     /// Writes the convex problem of the step.

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use sagci_model::EffectEntry;
 
+use crate::contact::Contacts;
 use crate::effects::{self, Effect, Instant, Resistance};
 use crate::error::check;
 use crate::multibody::length;
@@ -26,6 +27,8 @@ pub struct System {
     pub(crate) stops: usize,
     pub(crate) coriolis: Coriolis,
     pub(crate) residual: Option<Placed>,
+    /// What touches; nothing if there is none.
+    pub(crate) contacts: Option<Box<Contacts>>,
 }
 
 /// One effect at its place.
@@ -84,6 +87,7 @@ impl System {
             stops: 0,
             coriolis: Coriolis::default(),
             residual: None,
+            contacts: None,
             multibody,
         };
         for joint in system.multibody.joints().to_vec() {

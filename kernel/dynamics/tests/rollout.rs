@@ -9,10 +9,10 @@ use common::{WIDE, brick, joint, link, menagerie, model, panda, random, random_s
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutGradient, RolloutOptions, Smoothing, rollouts};
-use sagci_dynamics::{Coriolis, DynamicsError, ParameterKind, Part, SpatialVector, State, StateCotangent, System};
+use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, DynamicsError, Grasp, ParameterKind, Part, SpatialVector, State, StateCotangent, System};
 use sagci_model::{EffectEntry, JointKind, ObjectModel};
 
-const KINDS: [ParameterKind; 10] = [
+const KINDS: [ParameterKind; 14] = [
     ParameterKind::LinkMass,
     ParameterKind::LinkCenter,
     ParameterKind::LinkInertia,
@@ -22,6 +22,10 @@ const KINDS: [ParameterKind; 10] = [
     ParameterKind::Damping,
     ParameterKind::DryFriction,
     ParameterKind::Effect,
+    ParameterKind::ContactFriction,
+    ParameterKind::ContactStiffness,
+    ParameterKind::ContactDissipation,
+    ParameterKind::ShapePose,
     ParameterKind::Residual,
 ];
 
@@ -523,4 +527,90 @@ fn errors_say_at_which_step_and_joint() {
     assert!(matches!(rollout.forward(&other, &other.state(), &Inputs::default(), |_, _| {}), Err(DynamicsError::ForeignWorkspace)));
     assert!(Rollout::new(&system, RolloutOptions::new(0, 1e-3)).is_err());
     assert!(Rollout::new(&system, RolloutOptions::new(5, f64::NAN)).is_err());
+}
+
+fn cube(name: &str, mass: f64, [x, y, z]: [f64; 3]) -> ObjectModel {
+    let m = mass / 12.0;
+    let [a, b, c] = [m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y)];
+    model(
+        name,
+        &format!(
+            "<link name='{name}'><inertial><mass value='{mass}'/><inertia ixx='{a}' ixy='0' ixz='0' iyy='{b}' iyz='0' izz='{c}'/></inertial>\
+             <collision><geometry><box size='{x} {y} {z}'/></geometry></collision></link>"
+        ),
+    )
+}
+
+#[test]
+fn gradients_through_contact_are_those_of_central_differences() {
+    let (one, two) = (cube("one", 1.0, [0.1, 0.1, 0.06]), cube("two", 0.5, [0.05, 0.06, 0.04]));
+    let mut compared = 0;
+    for coriolis in [Coriolis::AtStart, Coriolis::AtMidpoint] {
+        for (name, models, spin, push) in [
+            ("a box at rest", vec![&one], [0.0, 0.0, 0.0, 0.0], 0.5),
+            ("a box that slides", vec![&one], [0.3, 0.5, 0.2, 0.0], 0.5),
+            ("a box on a box", vec![&one, &two], [0.2, 0.5, 0.2, 0.0], 0.5),
+        ] {
+            let parts: Vec<Part<'_>> = models.iter().map(|m| Part::floating(m)).collect();
+            let material = ContactMaterial { friction: 0.4, stiffness: 2e4, dissipation: 1.0 };
+            let options = ContactOptions { material, ..ContactOptions::default() };
+            let mut system = System::new(&parts).unwrap().with_contacts(&parts, options).unwrap();
+            system.add_ground("ground", Vector3::zeros(), Vector3::z_axis(), material).unwrap();
+            system.set_coriolis(coriolis);
+            for steps in [1, 10] {
+                let mut x0 = system.state();
+                x0.q[6] = 0.0299;
+                x0.v[..6].copy_from_slice(&[0.0, 0.0, spin[0], spin[1], spin[2], spin[3]]);
+                if models.len() > 1 {
+                    x0.q[11..14].copy_from_slice(&[0.01, 0.005, 0.0797]);
+                }
+                let n = system.multibody().nv();
+                let tau = random_vector(steps * n, 0.01, &mut random(3)).iter().enumerate().map(|(k, x)| x + if k % n == 3 { push } else { 0.0 }).collect();
+                let case = Case { system: system.clone(), x0, tau, steps, dt: 1e-3 };
+                let (switched, all) = case.check(&format!("{name}, {coriolis:?}, {steps} steps"), 7);
+                println!("{name}, {coriolis:?}, {steps} steps: {switched} of {all} at a switch");
+                compared += all - switched;
+            }
+        }
+    }
+    assert!(compared > 100, "{compared}");
+}
+
+#[test]
+fn gradients_through_a_grasp_are_those_of_central_differences() {
+    let (arm, q, v) = moving_arm(2);
+    let body = brick([0.02, 0.001, 0.002, 0.03, -0.001, 0.025]);
+    let parts = [welded(&arm), Part::floating(&body)];
+    for coriolis in [Coriolis::AtStart, Coriolis::AtMidpoint] {
+        let mut system = System::new(&parts).unwrap();
+        system.set_coriolis(coriolis);
+        let multibody = system.multibody();
+        let (hand, held) = (multibody.link("panda_hand").unwrap(), multibody.link("brick/brick").unwrap());
+        let mut x0 = system.state();
+        x0.q[..9].copy_from_slice(&q);
+        x0.v[..9].copy_from_slice(&v);
+        (x0.v[7], x0.v[8]) = (0.01, 0.012);
+        let mut rigid = multibody.workspace();
+        multibody.set_state(&mut rigid, &x0.q, &x0.v).unwrap();
+        let X = multibody.X_WL(&rigid, hand) * Isometry3::translation(0.01, -0.005, 0.1);
+        let R = X.rotation;
+        x0.q[9..16].copy_from_slice(&[R.w, R.i, R.j, R.k, X.translation.x, X.translation.y, X.translation.z]);
+        system
+            .add_grasp(Grasp {
+                a: hand,
+                X_AG: Isometry3::translation(0.0, 0.0, 0.1),
+                b: held,
+                X_BH: Isometry3::identity(),
+                stiffness: nalgebra::Vector6::new(20.0, 30.0, 10.0, 3e3, 2e3, 4e3),
+                damping: nalgebra::Vector6::new(0.1, 0.1, 0.1, 10.0, 10.0, 10.0),
+                limit: [5.0, 60.0],
+            })
+            .unwrap();
+        for steps in [1, 20] {
+            let tau = random_vector(steps * 15, 0.001, &mut random(5)).iter().enumerate().map(|(k, x)| x + if k % 15 < 7 { 1.0 } else { 0.0 }).collect();
+            let case = Case { system: system.clone(), x0: x0.clone(), tau, steps, dt: 1e-3 };
+            let (switched, all) = case.check(&format!("grasp, {coriolis:?}, {steps} steps"), 7);
+            assert!(switched * 5 <= all, "{switched} of {all}");
+        }
+    }
 }

@@ -94,6 +94,8 @@ pub struct Adjoint {
     /// what it adds to its body's pose.
     pub(crate) link_pose: Vec<SpatialVector>,
     seeded: bool,
+    /// Cotangents of the velocities that bodies have under other rates than `v`, for the next sweep; contacts depend on several.
+    pub(crate) channels: [Channel; 3],
     bodies: Vec<BodyGradient>,
     armature: Vec<f64>,
     gravity: Vector3<f64>,
@@ -120,6 +122,7 @@ impl Adjoint {
             velocity: by_body(),
             link_pose: vec![SpatialVector::zeros(); multibody.frames.len()],
             seeded: false,
+            channels: std::array::from_fn(|_| Channel { rates: by_velocity(), seed: by_body(), by_rates: by_velocity(), twist: by_body() }),
             bodies: vec![NOTHING; b],
             armature: by_velocity(),
             gravity: Vector3::zeros(),
@@ -150,6 +153,17 @@ impl Adjoint {
         self.velocity[body] += velocity;
         self.seeded = true;
     }
+}
+
+/// Rates, the velocities `B` of the bodies under them, and cotangents `seed` of those: `dL = seed[b] . dB_b`. As a seed on `V`
+/// does, they add `B x* seed` to the cotangent of the pose, and `seed` to that of the rates.
+#[derive(Debug, Clone)]
+pub(crate) struct Channel {
+    pub rates: Vec<f64>,
+    pub seed: Vec<SpatialVector>,
+    /// By the rates, of the last sweep.
+    pub by_rates: Vec<f64>,
+    twist: Vec<SpatialVector>,
 }
 
 impl Multibody {
@@ -197,14 +211,31 @@ impl Multibody {
             if x.seeded {
                 x.V_bar[i] += x.velocity[i];
                 x.N[i] -= cross_force(V, &x.velocity[i]) + x.pose[i];
+                for c in &mut x.channels {
+                    let mut B = c.twist[body.parent];
+                    for (k, S) in ws.S[body.tree_range()].iter().enumerate() {
+                        B += S * c.rates[body.v + k];
+                    }
+                    x.N[i] -= cross_force(&B, &c.seed[i]);
+                    c.twist[i] = B;
+                }
             }
             if parameters {
-                add_inertial(&mut x.bodies[i].inertia, &ws.R_WB[i], &ws.p_WB[i], [(&W, &A), (&U, V)]);
+                let (R, p) = (&ws.R_WB[i], &ws.p_WB[i]);
+                let g = &mut x.bodies[i].inertia;
+                let (W, V) = (to_body(&W, R, p), to_body(V, R, p));
+                add_inertial(g, &W, &to_body(&A, R, p));
+                add_inertial(g, &cross_motion(&W, &V), &V);
             }
             (ws.A[i], x.W[i]) = (A, W);
         }
         for values in [&mut x.q, &mut x.v, &mut x.tau] {
             values.fill(0.0);
+        }
+        if x.seeded {
+            for c in &mut x.channels {
+                c.by_rates.fill(0.0);
+            }
         }
         for (k, armature) in self.armature.iter().enumerate() {
             x.a[k] = armature * lambda[k];
@@ -219,7 +250,14 @@ impl Multibody {
             let P = body.parent;
             let (V_P, V_bar, A_bar, W_bar, N) = (&ws.V[P], x.V_bar[i], x.A_bar[i], x.W_bar[i], x.N[i]);
             let inward = V_bar + cross_force(&(ws.V[i] - V_P), &A_bar);
-            let X_bar = -(cross_force(V_P, &inward) + cross_force(&ws.A[P], &A_bar) + cross_force(&x.W[P], &W_bar) + N);
+            let mut X_bar = -(cross_force(V_P, &inward) + cross_force(&ws.A[P], &A_bar) + cross_force(&x.W[P], &W_bar) + N);
+            if x.seeded {
+                for c in &mut x.channels {
+                    let seed = c.seed[i];
+                    X_bar -= cross_force(&c.twist[P], &seed);
+                    c.seed[P] += seed;
+                }
+            }
             let J_bar = V_bar - cross_force(V_P, &A_bar);
             x.V_bar[P] += inward;
             x.A_bar[P] += A_bar;
@@ -234,6 +272,14 @@ impl Multibody {
                 x.tau[v] += S.dot(&W_bar);
                 if parameters {
                     turned += cross_force(S, &(J_bar * ws.v[v] + A_bar * a[v] + W_bar * lambda[v]));
+                }
+                if x.seeded {
+                    for c in &mut x.channels {
+                        c.by_rates[v] += S.dot(&c.seed[i]);
+                        if parameters {
+                            turned += cross_force(S, &(c.seed[i] * c.rates[v]));
+                        }
+                    }
                 }
             }
             if parameters {
@@ -250,6 +296,9 @@ impl Multibody {
         if x.seeded {
             x.pose.fill(SpatialVector::zeros());
             x.velocity.fill(SpatialVector::zeros());
+            for c in &mut x.channels {
+                c.seed.fill(SpatialVector::zeros());
+            }
             x.seeded = false;
         }
     }
@@ -324,27 +373,28 @@ pub(crate) fn by_axis(kind: JointKind, n: &Vector3<f64>, turn: &Vector3<f64>) ->
     }
 }
 
-/// Adds the gradient of `sum X . I Y` by the ten entries of `I` in the frame at `R`, `p`.
+/// A motion at the world's origin, written in the frame at `R`, `p`.
 #[inline]
-fn add_inertial(g: &mut [f64; 10], R: &Matrix3<f64>, p: &Vector3<f64>, pairs: [(&SpatialVector, &SpatialVector); 2]) {
-    for (X, Y) in pairs {
-        let local = |V: &SpatialVector| {
-            let omega = angular(V);
-            (R.tr_mul(&omega), R.tr_mul(&(linear(V) + omega.cross(p))))
-        };
-        let ((w, u), (x, y)) = (local(X), local(Y));
-        let h = y.cross(&w) + u.cross(&x);
-        g[0] += u.dot(&y);
-        g[1] += h.x;
-        g[2] += h.y;
-        g[3] += h.z;
-        g[4] += w.x * x.x;
-        g[5] += w.x * x.y + w.y * x.x;
-        g[6] += w.x * x.z + w.z * x.x;
-        g[7] += w.y * x.y;
-        g[8] += w.y * x.z + w.z * x.y;
-        g[9] += w.z * x.z;
-    }
+pub(crate) fn to_body(V: &SpatialVector, R: &Matrix3<f64>, p: &Vector3<f64>) -> SpatialVector {
+    let omega = angular(V);
+    join(&R.tr_mul(&omega), &R.tr_mul(&(linear(V) + omega.cross(p))))
+}
+
+/// Adds the gradient of `X . I Y` by the ten entries of `I`, all in one frame.
+#[inline]
+pub(crate) fn add_inertial(g: &mut [f64; 10], X: &SpatialVector, Y: &SpatialVector) {
+    let ((w, u), (x, y)) = ((angular(X), linear(X)), (angular(Y), linear(Y)));
+    let h = y.cross(&w) + u.cross(&x);
+    g[0] += u.dot(&y);
+    g[1] += h.x;
+    g[2] += h.y;
+    g[3] += h.z;
+    g[4] += w.x * x.x;
+    g[5] += w.x * x.y + w.y * x.x;
+    g[6] += w.x * x.z + w.z * x.x;
+    g[7] += w.y * x.y;
+    g[8] += w.y * x.z + w.z * x.y;
+    g[9] += w.z * x.z;
 }
 
 /// The symmetric matrix whose product with `I` is the gradient's share of the rotational inertia.

@@ -1,0 +1,201 @@
+//! Physics of contact: rest, sliding, rolling, impacts, stacks, grasps, and faults.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, non_snake_case)]
+
+mod common;
+
+use common::{joint, link, model};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, Input, Part, State, StepWorkspace, System};
+use sagci_model::ObjectModel;
+
+const G: f64 = 9.81;
+
+/// A rigid body of one shape, its centre of mass in the middle.
+fn solid(name: &str, mass: f64, inertia: [f64; 3], geometry: &str) -> ObjectModel {
+    let [x, y, z] = inertia;
+    model(
+        name,
+        &format!(
+            "<link name='{name}'><inertial><mass value='{mass}'/><inertia ixx='{x}' ixy='0' ixz='0' iyy='{y}' iyz='0' izz='{z}'/></inertial>\
+             <collision><geometry>{geometry}</geometry></collision></link>"
+        ),
+    )
+}
+
+fn cube(name: &str, mass: f64, size: [f64; 3]) -> ObjectModel {
+    let [x, y, z] = size;
+    let m = mass / 12.0;
+    solid(name, mass, [m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y)], &format!("<box size='{x} {y} {z}'/>"))
+}
+
+fn ball(name: &str, mass: f64, r: f64) -> ObjectModel {
+    solid(name, mass, [0.4 * mass * r * r; 3], &format!("<sphere radius='{r}'/>"))
+}
+
+fn scene(models: &[&ObjectModel], options: ContactOptions) -> System {
+    let parts: Vec<Part<'_>> = models.iter().map(|m| Part::floating(m)).collect();
+    System::new(&parts).unwrap().with_contacts(&parts, options).unwrap()
+}
+
+fn ground(system: &mut System, normal: Vector3<f64>, friction: f64) {
+    let material = ContactMaterial { friction, ..ContactMaterial::default() };
+    system.add_ground("ground", Vector3::zeros(), Unit::new_normalize(normal), material).unwrap();
+}
+
+fn options(friction: f64) -> ContactOptions {
+    ContactOptions { material: ContactMaterial { friction, ..ContactMaterial::default() }, ..ContactOptions::default() }
+}
+
+/// Places the k-th floating body.
+fn place(state: &mut State, k: usize, p: Vector3<f64>, R: UnitQuaternion<f64>) {
+    state.q[7 * k..7 * k + 7].copy_from_slice(&[R.w, R.i, R.j, R.k, p.x, p.y, p.z]);
+}
+
+fn run(system: &System, ws: &mut StepWorkspace, state: &mut State, dt: f64, steps: usize) {
+    for _ in 0..steps {
+        system.step(ws, state, &Input::default(), dt).unwrap();
+    }
+}
+
+/// Kinetic energy, and potential energy of gravity; springs of contact left out.
+fn energy(system: &System, ws: &mut StepWorkspace, state: &State) -> f64 {
+    system.multibody().set_state(ws.rigid(), &state.q, &state.v).unwrap();
+    let multibody = system.multibody();
+    let mut e = multibody.kinetic_energy(ws.rigid());
+    for (id, _, _) in multibody.links() {
+        let X = multibody.X_WL(ws.rigid(), id);
+        let inertia = multibody.body_inertia(id);
+        e -= inertia.mass * multibody.gravity().dot(&(X * nalgebra::Point3::from(inertia.center())).coords);
+    }
+    e
+}
+
+/// A box on a slope of the angle `a`: how far it slid along it after `steps` of 1 ms.
+fn slope(a: f64, friction: f64, steps: usize) -> (f64, f64) {
+    let cube = cube("cube", 1.0, [0.1, 0.1, 0.06]);
+    let mut system = scene(&[&cube], options(friction));
+    let n = Vector3::new(a.sin(), 0.0, a.cos());
+    ground(&mut system, n, friction);
+    let (mut ws, mut state) = (system.workspace(), system.state());
+    let R = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), a);
+    place(&mut state, 0, n * 0.03, R);
+    run(&system, &mut ws, &mut state, 1e-3, 200);
+    let p0 = Vector3::new(state.q[4], state.q[5], state.q[6]);
+    run(&system, &mut ws, &mut state, 1e-3, steps);
+    let p = Vector3::new(state.q[4], state.q[5], state.q[6]);
+    let down = Vector3::new(a.cos(), 0.0, -a.sin());
+    ((p - p0).dot(&down), R.transform_vector(&Vector3::new(state.v[3], state.v[4], state.v[5])).dot(&down))
+}
+
+#[test]
+fn a_box_below_the_friction_angle_stays_for_ten_minutes() {
+    let (way, _) = slope(0.45_f64.atan(), 0.5, 600_000);
+    assert!(way.abs() < 1e-3, "{way:e}");
+}
+
+#[test]
+fn a_box_above_the_friction_angle_slides_as_coulomb_says() {
+    for (a, mu) in [(0.6_f64, 0.5), (0.5, 0.3), (1.0, 0.2)] {
+        let (way, speed) = slope(a, mu, 500);
+        let expected = G * (a.sin() - mu * a.cos());
+        let (from_speed, from_way) = (speed / 0.7, 2.0 * way / (0.7 * 0.7 - 0.2 * 0.2));
+        assert!((from_speed / expected - 1.0).abs() < 0.01, "{from_speed} {expected}");
+        assert!((from_way / expected - 1.0).abs() < 0.01, "{from_way} {expected}");
+    }
+}
+
+#[test]
+fn a_ball_that_slides_ends_up_rolling_with_five_sevenths_of_its_speed() {
+    let ball = ball("ball", 0.5, 0.05);
+    let mut system = scene(&[&ball], options(0.4));
+    ground(&mut system, Vector3::z(), 0.4);
+    let (mut ws, mut state) = (system.workspace(), system.state());
+    state.q[6] = 0.05;
+    state.v[3] = 1.0;
+    run(&system, &mut ws, &mut state, 1e-4, 5000);
+    let R = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(state.q[0], state.q[1], state.q[2], state.q[3]));
+    let (w, v) = (R * Vector3::new(state.v[0], state.v[1], state.v[2]), R * Vector3::new(state.v[3], state.v[4], state.v[5]));
+    assert!((v.x - 5.0 / 7.0).abs() < 0.001, "{v:?}");
+    assert!((v.x - 0.05 * w.y).abs() < 1e-4, "{v:?} {w:?}");
+    assert!(ws.contacts(&system).all(|c| c.sticks));
+}
+
+#[test]
+fn a_stack_of_boxes_stays_at_rest() {
+    let cubes: Vec<ObjectModel> = (0..4).map(|k| cube(&format!("cube{k}"), 1.0, [0.1, 0.1, 0.1])).collect();
+    let mut system = scene(&cubes.iter().collect::<Vec<_>>(), options(0.5));
+    ground(&mut system, Vector3::z(), 0.5);
+    let (mut ws, mut state) = (system.workspace(), system.state());
+    for k in 0..4 {
+        place(&mut state, k, Vector3::new(0.003 * k as f64, 0.0, 0.05 + 0.1 * k as f64), UnitQuaternion::identity());
+    }
+    run(&system, &mut ws, &mut state, 1e-3, 3000);
+    assert_eq!(ws.contacts(&system).count(), 16);
+    for k in 0..4 {
+        assert!((state.q[7 * k + 4] - 0.003 * k as f64).abs() < 1e-5);
+        assert!((state.q[7 * k + 6] - 0.05 - 0.1 * k as f64).abs() < 1e-4);
+        assert!(state.v[6 * k..6 * k + 6].iter().all(|v| v.abs() < 1e-5), "{:?}", state.v);
+    }
+    let force: f64 = ws.contacts(&system).filter(|c| c.b == "ground").map(|c| c.impulse_W.z / 1e-3).sum();
+    assert!((force - 4.0 * G).abs() < 1e-3, "{force}");
+}
+
+#[test]
+fn bodies_that_collide_keep_their_momentum() {
+    let (a, b) = (cube("a", 1.0, [0.1, 0.2, 0.15]), cube("b", 0.4, [0.2, 0.1, 0.1]));
+    let mut system = scene(&[&a, &b], options(0.5));
+    system.multibody_mut().set_gravity(Vector3::zeros());
+    system.set_coriolis(Coriolis::AtMidpoint);
+    let (mut ws, mut state) = (system.workspace(), system.state());
+    place(&mut state, 0, Vector3::new(0.0, 0.0, 0.0), UnitQuaternion::from_euler_angles(0.3, 0.2, 0.5));
+    place(&mut state, 1, Vector3::new(0.25, 0.05, 0.03), UnitQuaternion::from_euler_angles(0.9, 0.1, -0.5));
+    state.v[3..6].copy_from_slice(&[1.0, 0.5, 0.2]);
+    state.v[9..12].copy_from_slice(&[-1.0, 0.3, 0.1]);
+    let momentum = |ws: &mut StepWorkspace, state: &State| {
+        system.multibody().set_state(ws.rigid(), &state.q, &state.v).unwrap();
+        system.multibody().momentum(ws.rigid())
+    };
+    let before = momentum(&mut ws, &state);
+    let mut touched = false;
+    for _ in 0..400 {
+        // Impulses are exactly opposite; what is left is the turning of axes over a step.
+        system.step(&mut ws, &mut state, &Input::default(), 1e-3).unwrap();
+        touched |= ws.contacts(&system).any(|c| c.impulse_W.norm() > 1e-3);
+    }
+    let after = momentum(&mut ws, &state);
+    assert!(touched);
+    assert!((after.linear - before.linear).norm() < 5e-3 * before.linear.norm(), "{before:?} {after:?}");
+}
+
+#[test]
+fn energy_never_grows() {
+    let shapes = [
+        cube("box", 1.0, [0.1, 0.15, 0.2]),
+        ball("ball", 0.5, 0.08),
+        solid("capsule", 0.7, [2e-3, 2e-3, 5e-4], "<capsule radius='0.04' length='0.2'/>"),
+        solid("cylinder", 0.7, [2e-3, 2e-3, 1e-3], "<cylinder radius='0.05' length='0.2'/>"),
+    ];
+    for seed in 0..12 {
+        let mut rng = common::random(seed);
+        let shape = &shapes[seed as usize % 4];
+        let mut system = scene(&[shape], options(0.3));
+        ground(&mut system, Vector3::z(), 0.3);
+        let (mut ws, mut state) = (system.workspace(), system.state());
+        let turn = common::random_vector(6, 2.0, &mut rng);
+        place(&mut state, 0, Vector3::new(0.0, 0.0, 0.4), UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]));
+        state.v.copy_from_slice(&turn);
+        let mut last = energy(&system, &mut ws, &state);
+        let first = last;
+        for step in 0..3000 {
+            if let Err(e) = system.step(&mut ws, &mut state, &Input::default(), 1e-3) {
+                panic!("seed {seed} step {step}: {e} {state:?} {:?}", ws.contacts(&system).collect::<Vec<_>>());
+            }
+            let now = energy(&system, &mut ws, &state);
+            // What springs of contact give back, and the integrator's error in free flight.
+            let spring: f64 = ws.contacts(&system).map(|c| 0.5 * 1e6 * c.depth.max(0.0).powi(2)).sum();
+            assert!(now < last + spring + 2e-5 * first.abs(), "seed {seed}: {last} {now} {spring}");
+            last = now;
+        }
+        assert!(state.q[6] > 0.0 && state.v.iter().all(|v| v.abs() < 50.0), "{state:?}");
+    }
+}
