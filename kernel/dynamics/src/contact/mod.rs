@@ -137,7 +137,7 @@ impl ContactOptions {
 /// One degree of freedom of the tree that moves a pair of bodies against each other.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Column {
-    /// Its velocity, its column of the motion subspace, and the sign (with a follower's factor) with which it counts.
+    /// Its velocity, its column of the motion subspace, and the sign with which it counts.
     pub v: usize,
     pub tree: usize,
     pub factor: f64,
@@ -216,7 +216,7 @@ fn columns(multibody: &Multibody, a: usize, b: usize) -> Vec<Column> {
         for &i in bodies {
             let body = &multibody.bodies[i];
             for k in 0..body.nv {
-                let factor = if moves_a { body.multiplier } else { -body.multiplier };
+                let factor = if moves_a { 1.0 } else { -1.0 };
                 out.push(Column { v: body.v + k, tree: body.tree + k, factor, moves_a, body: i });
             }
         }

@@ -4,7 +4,7 @@
 //! `H = A + sum J^T G J` and the exact terms of single coordinates; [`Problem::solve`] solves it.
 //!
 //! Stiction is so stiff that an iterate just off it says nothing about it. So the first rounds guess: a contact sticks if its bodies
-//! slide slowly at the start, slides if a solution says so, sticks if a solution turns its sliding round. One round settles most
+//! slide slowly at the start (no faster than their turning over a step explains), slides if a solution says so, sticks if a solution turns its sliding round. One round settles most
 //! steps. If guesses do not settle, Newton's method with an exact line search does, which always goes down (Castro et al. 2022, section
 //! V); and if that is slow, it does so along falling stiffness of stiction. What guesses and searches end in is the same: the one
 //! minimum of the convex problem.
@@ -27,8 +27,6 @@ use crate::{ContactPoint, DynamicsError, Multibody, SpatialVector, Workspace};
 const WHAT: &str = "the step's contacts";
 /// What is left of the impulses, over their size.
 const TOLERANCE: f64 = 1e-11;
-/// Bodies that slide more slowly than this at the start are first taken to stick, m/s.
-const SLOW: f64 = 1e-2;
 const GUESSES: usize = 12;
 const SEARCHES: usize = 40;
 
@@ -43,6 +41,8 @@ pub(crate) struct Point {
     pub limit: f64,
     /// Velocity of A against B at the point.
     pub v: Vector3<f64>,
+    /// Slower than this it is first taken to stick, m/s: what held in the last step is as fast as its axes have turned since.
+    slow: f64,
     /// Whether friction holds it.
     pub stuck: bool,
     /// Impulse on A.
@@ -188,6 +188,9 @@ impl ContactWorkspace {
             let law = Law { stiffness: material.stiffness, dissipation: material.dissipation, friction: material.friction };
             let first = self.points.len();
             let V0 = self.active[slot].V0;
+            let group = &contacts.groups[self.active[slot].group];
+            let (V_a, V_b) = (rigid.V[group.a], rigid.V[group.b]);
+            let turning = (angular(&V_a).norm(), angular(&V_b).norm());
             for found in &self.manifold.found {
                 let v0 = at_point(&V0, &found.p).dot(&found.n);
                 let bound = law.bound(&self.scheme, found.depth, v0);
@@ -197,6 +200,7 @@ impl ContactWorkspace {
                     bound,
                     limit: law.friction * bound.value,
                     v: Vector3::zeros(),
+                    slow: 2.0 * (self.scheme.slip + h * (turning.0 * at_point(&V_a, &found.p).norm() + turning.1 * at_point(&V_b, &found.p).norm())),
                     stuck: false,
                     impulse: Vector3::zeros(),
                     model: Model::default(),
@@ -257,7 +261,7 @@ impl ContactWorkspace {
         if !again {
             for p in &mut self.points {
                 let n = &p.found.n;
-                p.stuck = (p.v - n * n.dot(&p.v)).norm_squared() <= SLOW * SLOW;
+                p.stuck = (p.v - n * n.dot(&p.v)).norm() <= p.slow;
             }
         }
         for _ in 0..GUESSES {
