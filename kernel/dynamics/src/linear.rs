@@ -8,25 +8,35 @@
 /// # Panics
 /// `A` has fewer than `n * n` entries.
 pub fn cholesky(A: &mut [f64], n: usize) -> Result<(), usize> {
-    for j in 0..n {
-        let mut d = A[j * n + j];
-        for k in 0..j {
-            d -= A[j * n + k] * A[j * n + k];
+    for i in 0..n {
+        let (above, row) = A.split_at_mut(i * n);
+        let row = &mut row[..i + 1];
+        for j in 0..i {
+            let other = &above[j * n..j * n + j + 1];
+            row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
         }
+        let d = row[i] - dot(&row[..i], &row[..i]);
         if d.is_nan() || d <= 0.0 {
-            return Err(j);
+            return Err(i);
         }
-        let d = d.sqrt();
-        A[j * n + j] = d;
-        for i in j + 1..n {
-            let mut s = A[i * n + j];
-            for k in 0..j {
-                s -= A[i * n + k] * A[j * n + k];
-            }
-            A[i * n + j] = s / d;
-        }
+        row[i] = d.sqrt();
     }
     Ok(())
+}
+
+/// Sums in two strands, which processors add side by side.
+#[inline]
+fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let (mut s, mut t) = (0.0, 0.0);
+    let mut pairs = x.chunks_exact(2).zip(y.chunks_exact(2));
+    for (x, y) in &mut pairs {
+        s += x[0] * y[0];
+        t += x[1] * y[1];
+    }
+    if x.len() % 2 == 1 {
+        s += x[x.len() - 1] * y[x.len() - 1];
+    }
+    s + t
 }
 
 /// Solves `L x = b` in place, with `L` from [`cholesky`].
@@ -35,11 +45,8 @@ pub fn cholesky(A: &mut [f64], n: usize) -> Result<(), usize> {
 /// `L` has fewer than `n * n` entries, or `x` fewer than `n`.
 pub fn cholesky_solve_lower(L: &[f64], n: usize, x: &mut [f64]) {
     for i in 0..n {
-        let mut s = x[i];
-        for k in 0..i {
-            s -= L[i * n + k] * x[k];
-        }
-        x[i] = s / L[i * n + i];
+        let row = &L[i * n..i * n + i + 1];
+        x[i] = (x[i] - dot(&row[..i], &x[..i])) / row[i];
     }
 }
 
@@ -50,10 +57,11 @@ pub fn cholesky_solve_lower(L: &[f64], n: usize, x: &mut [f64]) {
 pub fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
     cholesky_solve_lower(L, n, x);
     for i in (0..n).rev() {
-        let mut s = x[i];
-        for k in i + 1..n {
-            s -= L[k * n + i] * x[k];
+        let row = &L[i * n..i * n + i + 1];
+        let (before, rest) = x.split_at_mut(i);
+        rest[0] /= row[i];
+        for (x, l) in before.iter_mut().zip(&row[..i]) {
+            *x -= l * rest[0];
         }
-        x[i] = s / L[i * n + i];
     }
 }
