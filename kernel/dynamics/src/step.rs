@@ -77,6 +77,11 @@ impl StepWorkspace {
         found.into_iter().flat_map(|(contacts, ws)| ws.list(contacts))
     }
 
+    /// Rounds of Newton's method that the contacts of the last step took; 0 without contact.
+    pub fn rounds(&self) -> usize {
+        self.contact.as_ref().map_or(0, |c| c.rounds)
+    }
+
     /// What held each degree of freedom in the last step.
     pub fn held(&self) -> &[Held] {
         &self.problem.held

@@ -27,8 +27,10 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::error::check;
+use crate::linear::tree_inverse;
 use crate::multibody::length;
-use crate::spatial::{angular, join, linear};
+use crate::spatial::{angular, join, linear, mul, tr_mul};
+use crate::workspace::{Lane, add_scaled};
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialInertia, SpatialVector, Workspace, cross_force, cross_motion};
 
 /// Derivatives of the efforts `tau = ID(q, v, a)`; those by `a` are the mass matrix. Rows by effort, columns by the entry of
@@ -81,30 +83,29 @@ impl Rate {
     /// For a body with inertia `I` and momentum `P`, moving with `V`.
     #[inline]
     pub fn new(I: &SpatialInertia, V: &SpatialVector, P: &SpatialVector) -> Self {
-        let (w, v, L) = (angular(V), linear(V), angular(P));
-        let turned = cross_columns(&w, &I.I);
-        let vh = v * I.h.transpose();
-        // -[v x][h x] - [h x][v x] = 2 (v.h) 1 - v h^T - h v^T
-        let rate = turned + turned.transpose() + Matrix3::from_diagonal_element(2.0 * v.dot(&I.h)) - vh - vh.transpose();
-        Self { R: rate - L.cross_matrix(), p: linear(P) }
+        let (w, v, L, h, J) = (angular(V), linear(V), angular(P), &I.h, &I.I);
+        // T = [w x] J - v h^T; the rate of J is T + T^T + 2 (v.h) 1.
+        let along = 2.0 * v.dot(h);
+        let xx = 2.0 * (w.y * J.m31 - w.z * J.m21 - v.x * h.x) + along;
+        let yy = 2.0 * (w.z * J.m12 - w.x * J.m32 - v.y * h.y) + along;
+        let zz = 2.0 * (w.x * J.m23 - w.y * J.m13 - v.z * h.z) + along;
+        let xy = (w.y * J.m32 - w.z * J.m22 - v.x * h.y) + (w.z * J.m11 - w.x * J.m31 - v.y * h.x);
+        let xz = (w.y * J.m33 - w.z * J.m23 - v.x * h.z) + (w.x * J.m21 - w.y * J.m11 - v.z * h.x);
+        let yz = (w.z * J.m13 - w.x * J.m33 - v.y * h.z) + (w.x * J.m22 - w.y * J.m12 - v.z * h.y);
+        let R = Matrix3::new(xx, xy + L.z, xz - L.y, xy - L.z, yy, yz + L.x, xz + L.y, yz - L.x, zz);
+        Self { R, p: linear(P) }
     }
 
     #[inline]
     pub fn times(&self, w: &Vector3<f64>) -> SpatialVector {
-        join(&(self.R * w), &(w.cross(&self.p) * 2.0))
+        join(&mul(&self.R, w), &(w.cross(&self.p) * 2.0))
     }
 
     /// The angular part of the transposed product; its linear part is zero.
     #[inline]
     pub fn transposed_times(&self, S: &SpatialVector) -> Vector3<f64> {
-        self.R.tr_mul(&angular(S)) + self.p.cross(&linear(S)) * 2.0
+        tr_mul(&self.R, &angular(S)) + self.p.cross(&linear(S)) * 2.0
     }
-}
-
-/// `w x` each column.
-#[inline]
-fn cross_columns(w: &Vector3<f64>, A: &Matrix3<f64>) -> Matrix3<f64> {
-    Matrix3::from_columns(&[w.cross(&A.column(0)), w.cross(&A.column(1)), w.cross(&A.column(2))])
 }
 
 /// What derivatives need beside the state. By body unless said otherwise; sums over subtrees after
@@ -116,14 +117,20 @@ pub(crate) struct Variation {
     pub inertial: Vec<SpatialVector>,
     pub external: Vec<SpatialVector>,
     /// By degree of freedom of the tree.
-    pub D: Vec<SpatialVector>,
+    pub D: Vec<Vector3<f64>>,
     pub E: Vec<SpatialVector>,
     pub H: Vec<SpatialVector>,
-    pub U: Vec<SpatialVector>,
     pub y: Vec<Vector3<f64>>,
-    /// Row-major, by velocity.
-    pub d_q: Vec<f64>,
-    pub d_v: Vec<f64>,
+    /// `E`, `H` and the angular part of `D` by lanes, as the workspace's `S_lanes`.
+    lanes: Vec<[Lane; 15]>,
+    /// By lanes: one row of the derivatives by q and by v, and one column of each.
+    line: Vec<[Lane; 4]>,
+    /// Derivatives by q and by v side by side, row-major, `4 width` numbers a row.
+    table: Vec<Lane>,
+    pub width: usize,
+    /// Scratch, and the inverse of the mass matrix, row-major, `4 n.div_ceil(4)` numbers a row.
+    square: Vec<Lane>,
+    inverse: Vec<Lane>,
     /// Scratch: which bodies belong to a subtree.
     pub inside: Vec<bool>,
 }
@@ -132,20 +139,27 @@ impl Variation {
     pub fn new(multibody: &Multibody) -> Self {
         let (b, t, n) = (multibody.bodies.len(), multibody.tree, multibody.nv);
         let by_body = || vec![SpatialVector::zeros(); b];
-        let by_tree = || vec![SpatialVector::zeros(); t];
         Self {
             rate: vec![Rate::ZERO; b],
             inertial: by_body(),
             external: by_body(),
-            D: by_tree(),
-            E: by_tree(),
-            H: by_tree(),
-            U: by_tree(),
+            D: vec![Vector3::zeros(); t],
+            E: vec![SpatialVector::zeros(); t],
+            H: vec![SpatialVector::zeros(); t],
             y: vec![Vector3::zeros(); t],
-            d_q: vec![0.0; n * n],
-            d_v: vec![0.0; n * n],
+            lanes: vec![[[0.0; 4]; 15]; t.div_ceil(4)],
+            line: vec![[[0.0; 4]; 4]; t.div_ceil(4)],
+            table: vec![[0.0; 4]; n * (2 * n).div_ceil(4)],
+            width: (2 * n).div_ceil(4),
+            square: vec![[0.0; 4]; n * n.div_ceil(4)],
+            inverse: vec![[0.0; 4]; n * n.div_ceil(4)],
             inside: vec![false; b],
         }
+    }
+
+    /// Row `i` of the derivatives of inverse dynamics: by the `n` positions, then by the `n` velocities.
+    pub fn row(&self, i: usize) -> &[f64] {
+        self.table[i * self.width..(i + 1) * self.width].as_flattened()
     }
 }
 
@@ -167,10 +181,17 @@ impl Multibody {
         self.square(&derivatives.d_q)?;
         self.square(&derivatives.d_v)?;
         self.gather_external(ws, external)?;
-        self.accelerations(ws, a);
+        self.forces(ws, Some(a), true);
+        self.composite(ws);
         self.differentiate(ws);
-        transpose_into(&ws.variation.d_q, &mut derivatives.d_q);
-        transpose_into(&ws.variation.d_v, &mut derivatives.d_v);
+        let n = self.nv;
+        let (d_q, d_v) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice());
+        for i in 0..n {
+            let (by_q, by_v) = ws.variation.row(i).split_at(n);
+            for (k, (by_q, by_v)) in by_q.iter().zip(by_v).enumerate() {
+                (d_q[k * n + i], d_v[k * n + i]) = (*by_q, *by_v);
+            }
+        }
         Ok(())
     }
 
@@ -196,22 +217,26 @@ impl Multibody {
         }
         self.gather_external(ws, external)?;
         self.through_mass_matrix(ws, tau, a)?;
-        self.accelerations(ws, a);
+        self.accelerate(ws, a);
         self.differentiate(ws);
         let n = self.nv;
-        for k in 0..n {
-            let column = &mut derivatives.d_tau.as_mut_slice()[k * n..(k + 1) * n];
-            column.fill(0.0);
-            column[k] = 1.0;
-            crate::linear::cholesky_solve(&ws.factor, n, column);
-        }
-        for (of, to) in [(&ws.variation.d_q, &mut derivatives.d_q), (&ws.variation.d_v, &mut derivatives.d_v)] {
-            to.fill(0.0);
-            let inverse = derivatives.d_tau.as_slice();
-            for (row, inverse) in of.chunks_exact(n).zip(inverse.chunks_exact(n)) {
-                for (x, column) in row.iter().zip(to.as_mut_slice().chunks_exact_mut(n)) {
-                    for (y, m) in column.iter_mut().zip(inverse) {
-                        *y -= m * x;
+        let x = &mut ws.variation;
+        let across = n.div_ceil(4);
+        tree_inverse(&ws.tree_factor, n, &mut x.square, &mut x.inverse);
+        let (d_q, d_v, d_tau) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice(), derivatives.d_tau.as_mut_slice());
+        for i in 0..n {
+            let inverse = &x.inverse[i * across..(i + 1) * across].as_flattened()[..n];
+            d_tau[i * n..(i + 1) * n].copy_from_slice(inverse);
+            for block in 0..x.width {
+                let mut sum = [0.0; 4];
+                for (m, row) in inverse.iter().zip(x.table.chunks_exact(x.width)) {
+                    add_scaled(&mut sum, -m, &row[block]);
+                }
+                for (k, x) in (4 * block..).zip(sum) {
+                    if k < n {
+                        d_q[k * n + i] = x;
+                    } else if k < 2 * n {
+                        d_v[(k - n) * n + i] = x;
                     }
                 }
             }
@@ -224,73 +249,81 @@ impl Multibody {
         length("columns of a derivative", matrix.ncols(), self.nv)
     }
 
-    /// Accelerations of all bodies, gravity in place of the world's, and the forces that their inertia needs.
-    pub(crate) fn accelerations(&self, ws: &mut Workspace, a: &[f64]) {
-        ws.A[0] = join(&Vector3::zeros(), &-self.gravity);
-        for (i, body) in self.bodies.iter().enumerate().skip(1) {
-            let mut A = ws.A[body.parent] + ws.c[i];
-            for k in 0..body.nv {
-                A += ws.S[body.tree + k] * a[body.v + k];
-            }
-            let (V, I) = (&ws.V[i], &ws.inertia[i]);
-            let P = I.times(V);
-            ws.A[i] = A;
-            ws.variation.inertial[i] = I.times(&A) + cross_force(V, &P);
-            ws.variation.rate[i] = Rate::new(I, V, &P);
-        }
-    }
-
-    /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Self::accelerations`] and with external
-    /// forces gathered.
+    /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Multibody::forces`] and
+    /// [`Multibody::composite`], with external forces gathered.
     pub(crate) fn differentiate(&self, ws: &mut Workspace) {
         let n = self.nv;
-        let Workspace { variation: x, S, V, A, external, inertia, composite, .. } = ws;
+        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_lanes, IS, .. } = ws;
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let (V_P, A_P) = (&V[body.parent], &A[body.parent]);
+            x.rate[i] = Rate::new(&inertia[i], &V[i], &P[i]);
             for t in body.tree_range() {
                 let D = cross_motion(V_P, &S[t]);
-                x.E[t] = cross_motion(A_P, &S[t]) + cross_motion(V_P, &D);
-                x.H[t] = D + cross_motion(&V[i], &S[t]);
-                x.D[t] = D;
+                let E = cross_motion(A_P, &S[t]) + cross_motion(V_P, &D);
+                // One degree of freedom does not turn itself: V x S = V_P x S.
+                let H = D + if body.nv == 1 { D } else { cross_motion(&V[i], &S[t]) };
+                let lanes = &mut x.lanes[t / 4];
+                for r in 0..6 {
+                    lanes[r][t % 4] = E[r];
+                    lanes[r + 6][t % 4] = H[r];
+                }
+                for r in 0..3 {
+                    lanes[r + 12][t % 4] = D[r];
+                }
+                (x.D[t], x.E[t], x.H[t]) = (angular(&D), E, H);
             }
         }
         x.external.copy_from_slice(external);
-        composite.copy_from_slice(inertia);
-        x.d_q.fill(0.0);
-        x.d_v.fill(0.0);
-        for i in (1..self.bodies.len()).rev() {
-            let body = &self.bodies[i];
-            let (I, rate, f, e) = (composite[i], x.rate[i], x.inertial[i], x.external[i]);
+        x.inertial.copy_from_slice(inertial);
+        let pushed = external.iter().any(|e| *e != SpatialVector::zeros());
+        x.table.fill([0.0; 4]);
+        let (width, table) = (4 * x.width, x.table.as_flattened_mut());
+        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
+            let (I, rate, f, e) = (&composite[i], x.rate[i], x.inertial[i], x.external[i]);
             let parent = body.parent;
             if parent != 0 {
-                composite[parent] += I;
                 x.rate[parent].R += rate.R;
                 x.rate[parent].p += rate.p;
                 x.inertial[parent] += f;
-                x.external[parent] += e;
+                if pushed {
+                    x.external[parent] += e;
+                }
             }
+            // The joint's own degrees of freedom all count as outer rows.
+            let end = body.tree + body.nv;
             for (k, l) in body.tree_range().enumerate() {
                 let row = body.v + k;
-                let U = I.times(&S[l]);
                 let y = rate.transposed_times(&S[l]);
-                // S_l . (S_k x* e) = - S_k . (S_l x* e)
-                let turned = -cross_force(&S[l], &e);
-                let G = I.times(&x.E[l]) + rate.times(&angular(&x.D[l])) + cross_force(&S[l], &f);
-                let H = I.times(&x.H[l]) + rate.times(&angular(&S[l]));
-                x.U[l] = U;
                 x.y[l] = y;
-                // The joint's own degrees of freedom all count as outer rows.
-                let mut at = i;
+                let G = I.times(&x.E[l]) + rate.times(&x.D[l]) + cross_force(&S[l], &f);
+                let H = I.times(&x.H[l]) + rate.times(&angular(&S[l]));
+                let blocks = body.first / 4..end.div_ceil(4);
+                for block in blocks.clone() {
+                    x.line[block] = products(&S_lanes[block], &x.lanes[block], [&IS[l], &G, &H], &y);
+                }
+                if pushed {
+                    // S_l . (S_k x* e) = - S_k . (S_l x* e)
+                    let turned = -cross_force(&S[l], &e);
+                    for block in blocks {
+                        for r in 0..6 {
+                            add_scaled(&mut x.line[block][0], turned[r], &S_lanes[block][r]);
+                        }
+                    }
+                }
+                for (c, k) in body.tree_range().enumerate() {
+                    let line = &x.line[k / 4];
+                    table[row * width + body.v + c] += line[0][k % 4];
+                    table[row * width + n + body.v + c] += line[1][k % 4];
+                }
+                let mut at = parent;
                 while at != 0 {
                     let inner = &self.bodies[at];
                     for (c, k) in inner.tree_range().enumerate() {
-                        let column = inner.v + c;
-                        x.d_q[row * n + column] += U.dot(&x.E[k]) + y.dot(&angular(&x.D[k])) + S[k].dot(&turned);
-                        x.d_v[row * n + column] += U.dot(&x.H[k]) + y.dot(&angular(&S[k]));
-                        if at != i {
-                            x.d_q[column * n + row] += S[k].dot(&G);
-                            x.d_v[column * n + row] += S[k].dot(&H);
-                        }
+                        let (column, line, lane) = (inner.v + c, &x.line[k / 4], k % 4);
+                        table[row * width + column] += line[0][lane];
+                        table[row * width + n + column] += line[1][lane];
+                        table[column * width + row] += line[2][lane];
+                        table[column * width + n + row] += line[3][lane];
                     }
                     at = inner.parent;
                 }
@@ -299,11 +332,19 @@ impl Multibody {
     }
 }
 
-/// A row-major square matrix into a column-major one.
-fn transpose_into(from: &[f64], to: &mut DMatrix<f64>) {
-    for (i, row) in from.chunks_exact(to.ncols().max(1)).enumerate() {
-        for (j, x) in row.iter().enumerate() {
-            to[(i, j)] = *x;
-        }
+/// For four columns `k`: `U . E_k + y . D_k`, `U . H_k + y . S_k`, `G . S_k`, `H . S_k`.
+#[inline(always)]
+fn products(S: &[Lane; 6], lanes: &[Lane; 15], [U, G, H]: [&SpatialVector; 3], y: &Vector3<f64>) -> [Lane; 4] {
+    let mut out = [[0.0; 4]; 4];
+    for r in 0..6 {
+        add_scaled(&mut out[0], U[r], &lanes[r]);
+        add_scaled(&mut out[1], U[r], &lanes[r + 6]);
+        add_scaled(&mut out[2], G[r], &S[r]);
+        add_scaled(&mut out[3], H[r], &S[r]);
     }
+    for r in 0..3 {
+        add_scaled(&mut out[0], y[r], &lanes[r + 12]);
+        add_scaled(&mut out[1], y[r], &S[r]);
+    }
+    out
 }

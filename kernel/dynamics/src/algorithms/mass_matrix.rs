@@ -3,8 +3,9 @@
 
 use nalgebra::DMatrix;
 
-use crate::linear::{cholesky, cholesky_solve};
+use crate::linear::{tree_factor, tree_solve};
 use crate::multibody::length;
+use crate::workspace::add_scaled;
 use crate::{DynamicsError, Multibody, Workspace};
 
 impl Multibody {
@@ -19,31 +20,62 @@ impl Multibody {
     }
 
     pub(crate) fn composite(&self, ws: &mut Workspace) {
-        ws.composite.copy_from_slice(&ws.inertia);
-        ws.M.fill(0.0);
-        for (i, armature) in self.armature.iter().enumerate() {
-            ws.M[(i, i)] = *armature;
-        }
-        for i in (1..self.bodies.len()).rev() {
-            let body = &self.bodies[i];
-            let inertia = ws.composite[i];
-            if body.parent != 0 {
-                ws.composite[body.parent] += inertia;
+        let n = self.nv;
+        let Workspace { S, S_lanes, IS, inertia, composite, M, scratch_row: row, .. } = ws;
+        let M = M.as_mut_slice();
+        composite.copy_from_slice(inertia);
+        for (t, S) in S.iter().enumerate() {
+            for r in 0..6 {
+                S_lanes[t / 4][r][t % 4] = S[r];
             }
-            for k in 0..body.nv {
-                let F = inertia.times(&ws.S[body.tree + k]);
-                let column = body.v + k;
-                for l in 0..=k {
-                    add(&mut ws.M, body.v + l, column, l == k, ws.S[body.tree + l].dot(&F));
-                }
-                let mut at = body.parent;
-                while at != 0 {
-                    let ancestor = &self.bodies[at];
-                    for l in 0..ancestor.nv {
-                        let entry = ws.S[ancestor.tree + l].dot(&F);
-                        add(&mut ws.M, ancestor.v + l, column, false, entry);
+        }
+        if self.has_followers {
+            M.fill(0.0);
+            for (i, armature) in self.armature.iter().enumerate() {
+                M[i * n + i] = *armature;
+            }
+        }
+        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
+            let I = composite[i];
+            if body.parent != 0 {
+                composite[body.parent] += I;
+            }
+            for (k, t) in body.tree_range().enumerate() {
+                let F = I.times(&S[t]);
+                IS[t] = F;
+                for (S, out) in S_lanes[body.first / 4..=t / 4].iter().zip(&mut row[body.first / 4..=t / 4]) {
+                    let mut sum = [0.0; 4];
+                    for r in 0..6 {
+                        add_scaled(&mut sum, F[r], &S[r]);
                     }
-                    at = ancestor.parent;
+                    *out = sum;
+                }
+                let row = row.as_flattened();
+                if self.has_followers {
+                    let v = body.v + k;
+                    for (l, entry) in (body.tree..t + 1).enumerate() {
+                        add(M, n, body.v + l, v, entry == t, row[entry]);
+                    }
+                    let mut at = body.parent;
+                    while at != 0 {
+                        let inner = &self.bodies[at];
+                        for (l, entry) in inner.tree_range().enumerate() {
+                            add(M, n, inner.v + l, v, false, row[entry]);
+                        }
+                        at = inner.parent;
+                    }
+                } else {
+                    // Entries between branches are zero, and are never written.
+                    let mut at = i;
+                    while at != 0 {
+                        let inner = &self.bodies[at];
+                        for l in inner.tree..inner.tree + inner.nv.min(t + 1 - inner.tree) {
+                            M[t * n + l] = row[l];
+                            M[l * n + t] = row[l];
+                        }
+                        at = inner.parent;
+                    }
+                    M[t * n + t] += self.armature[t];
                 }
             }
         }
@@ -56,8 +88,12 @@ impl Multibody {
     pub fn factor_mass_matrix(&self, ws: &mut Workspace) -> Result<(), DynamicsError> {
         self.owns(ws)?;
         self.composite(ws);
-        ws.factor.copy_from_slice(ws.M.as_slice());
-        cholesky(&mut ws.factor, self.nv).map_err(|pivot| self.no_inertia(pivot))
+        self.factor(ws)
+    }
+
+    pub(crate) fn factor(&self, ws: &mut Workspace) -> Result<(), DynamicsError> {
+        ws.tree_factor.copy_from_slice(ws.M.as_slice());
+        tree_factor(&mut ws.tree_factor, &self.before).map_err(|pivot| self.no_inertia(pivot))
     }
 
     /// Replaces `x` by `M^-1 x`, with the factor of the last [`Self::factor_mass_matrix`].
@@ -67,7 +103,7 @@ impl Multibody {
     pub fn solve_mass_matrix(&self, ws: &Workspace, x: &mut [f64]) -> Result<(), DynamicsError> {
         self.owns(ws)?;
         length("x", x.len(), self.nv)?;
-        cholesky_solve(&ws.factor, self.nv, x);
+        tree_solve(&ws.tree_factor, &self.before, x);
         Ok(())
     }
 
@@ -80,13 +116,13 @@ impl Multibody {
 /// Adds the pair of tree entries (i, j) and (j, i) to the entries of the velocities they belong to. Joints that follow
 /// the same joint share its entry, and then both of the pair fall on the diagonal.
 #[inline]
-fn add(M: &mut DMatrix<f64>, i: usize, j: usize, same: bool, entry: f64) {
+fn add(M: &mut [f64], n: usize, i: usize, j: usize, same: bool, entry: f64) {
     if same {
-        M[(i, i)] += entry;
+        M[i * n + i] += entry;
     } else if i == j {
-        M[(i, i)] += 2.0 * entry;
+        M[i * n + i] += 2.0 * entry;
     } else {
-        M[(i, j)] += entry;
-        M[(j, i)] += entry;
+        M[i * n + j] += entry;
+        M[j * n + i] += entry;
     }
 }

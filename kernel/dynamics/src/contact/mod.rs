@@ -137,7 +137,7 @@ impl ContactOptions {
 /// One degree of freedom of the tree that moves a pair of bodies against each other.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Column {
-    /// Its velocity, its column of the motion subspace, and the sign (with a follower's factor) with which it counts.
+    /// Its velocity, its column of the motion subspace, and the sign with which it counts.
     pub v: usize,
     pub tree: usize,
     pub factor: f64,

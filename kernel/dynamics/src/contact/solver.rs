@@ -4,7 +4,7 @@
 //! `H = A + sum J^T G J` and the exact terms of single coordinates; [`Problem::solve`] solves it.
 //!
 //! Stiction is so stiff that an iterate just off it says nothing about it. So the first rounds guess: a contact sticks if its bodies
-//! slide slowly at the start, slides if a solution says so, sticks if a solution turns its sliding round. One round settles most
+//! were held at the end of the last step (the turning of axes since is taken off their velocity), slides if a solution says so, sticks if a solution turns its sliding round. One round settles most
 //! steps. If guesses do not settle, Newton's method with an exact line search does, which always goes down (Castro et al. 2022, section
 //! V); and if that is slow, it does so along falling stiffness of stiction. What guesses and searches end in is the same: the one
 //! minimum of the convex problem.
@@ -16,7 +16,7 @@ use nalgebra::{Matrix6, Vector3};
 use super::cone::{Law, Normal, Scheme, direction};
 use super::derivative::Wrench;
 use super::geometry::Poses;
-use super::grasp::{Held as HeldGrasp, about};
+use super::grasp::Held as HeldGrasp;
 use super::point::{Found, Manifold};
 use super::{Contacts, frame_in_world};
 use crate::complementarity::Problem;
@@ -27,8 +27,6 @@ use crate::{ContactPoint, DynamicsError, Multibody, SpatialVector, Workspace};
 const WHAT: &str = "the step's contacts";
 /// What is left of the impulses, over their size.
 const TOLERANCE: f64 = 1e-11;
-/// Bodies that slide more slowly than this at the start are first taken to stick, m/s.
-const SLOW: f64 = 1e-2;
 const GUESSES: usize = 12;
 const SEARCHES: usize = 40;
 
@@ -43,11 +41,18 @@ pub(crate) struct Point {
     pub limit: f64,
     /// Velocity of A against B at the point.
     pub v: Vector3<f64>,
+    /// What the turning of axes over the last step has added to its velocity at constant joint velocities.
+    drift: Vector3<f64>,
+    /// How it slides at the start of the step: the first model of a point that turns out to slide on.
+    start: Vector3<f64>,
+    fresh: bool,
     /// Whether friction holds it.
     pub stuck: bool,
     /// Impulse on A.
     pub impulse: Vector3<f64>,
     model: Model,
+    /// The law's impulse less the model's.
+    gap: Vector3<f64>,
 }
 
 /// A contact's linear model around one velocity.
@@ -106,6 +111,74 @@ impl Bushing {
     }
 }
 
+/// Sums of points' stiffnesses and impulses at the world's origin: `W^T G W` and `W^T g`.
+struct Sum {
+    /// Upper triangles of `[p] G [p]^T` and `G` (xx, xy, xz, yy, yz, zz), and `[p] G` by rows.
+    turn: [f64; 6],
+    mixed: [f64; 9],
+    shift: [f64; 6],
+    F: SpatialVector,
+}
+
+impl Default for Sum {
+    fn default() -> Self {
+        Self { turn: [0.0; 6], mixed: [0.0; 9], shift: [0.0; 6], F: SpatialVector::zeros() }
+    }
+}
+
+impl Sum {
+    #[inline]
+    fn add(&mut self, p: &Vector3<f64>, g: &Vector3<f64>, G: [f64; 6]) {
+        let [xx, xy, xz, yy, yz, zz] = G;
+        let (x, y, z) = (p.x, p.y, p.z);
+        // Rows of [p] G.
+        let m = [
+            y * xz - z * xy,
+            y * yz - z * yy,
+            y * zz - z * yz,
+            z * xx - x * xz,
+            z * xy - x * yz,
+            z * xz - x * zz,
+            x * xy - y * xx,
+            x * yy - y * xy,
+            x * yz - y * xz,
+        ];
+        // Rows of it times [p]^T.
+        let turn = [
+            y * m[2] - z * m[1],
+            z * m[0] - x * m[2],
+            x * m[1] - y * m[0],
+            z * m[3] - x * m[5],
+            x * m[4] - y * m[3],
+            x * m[7] - y * m[6],
+        ];
+        for (s, t) in self.turn.iter_mut().zip(turn) {
+            *s += t;
+        }
+        for (s, t) in self.mixed.iter_mut().zip(m) {
+            *s += t;
+        }
+        for (s, t) in self.shift.iter_mut().zip(G) {
+            *s += t;
+        }
+        self.F += join(&p.cross(g), g);
+    }
+
+    fn matrix(&self) -> Matrix6<f64> {
+        let ([a, b, c, d, e, f], [g, h, i, j, k, l]) = (self.turn, self.shift);
+        let m = &self.mixed;
+        Matrix6::new(
+            a, b, c, m[0], m[1], m[2], b, d, e, m[3], m[4], m[5], c, e, f, m[6], m[7], m[8], m[0], m[3], m[6], g, h, i, m[1], m[4], m[7],
+            h, j, k, m[2], m[5], m[8], i, k, l,
+        )
+    }
+}
+
+#[inline]
+fn dot(x: &SpatialVector, y: &SpatialVector) -> f64 {
+    (x[0] * y[0] + x[1] * y[1]) + (x[2] * y[2] + x[3] * y[3]) + (x[4] * y[4] + x[5] * y[5])
+}
+
 /// Everything of contact that changes while one system is stepped.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactWorkspace {
@@ -132,6 +205,8 @@ pub(crate) struct ContactWorkspace {
     pub outward_v: Vec<SpatialVector>,
     /// Rounds that the last step took.
     pub rounds: usize,
+    /// Chord steps that it took.
+    pub chords: usize,
 }
 
 impl ContactWorkspace {
@@ -157,6 +232,7 @@ impl ContactWorkspace {
             outward_w: Vec::with_capacity(n.max(contacts.columns)),
             outward_v: Vec::with_capacity(n.max(contacts.columns)),
             rounds: 0,
+            chords: 0,
         }
     }
 
@@ -188,6 +264,9 @@ impl ContactWorkspace {
             let law = Law { stiffness: material.stiffness, dissipation: material.dissipation, friction: material.friction };
             let first = self.points.len();
             let V0 = self.active[slot].V0;
+            let group = &contacts.groups[self.active[slot].group];
+            // Accelerations at constant joint velocities; gravity is in both.
+            let (A, both) = (rigid.A[group.a] - rigid.A[group.b], rigid.V[group.a] + rigid.V[group.b]);
             for found in &self.manifold.found {
                 let v0 = at_point(&V0, &found.p).dot(&found.n);
                 let bound = law.bound(&self.scheme, found.depth, v0);
@@ -197,9 +276,13 @@ impl ContactWorkspace {
                     bound,
                     limit: law.friction * bound.value,
                     v: Vector3::zeros(),
+                    drift: (at_point(&A, &found.p) + angular(&V0).cross(&(at_point(&both, &found.p) * 0.5))) * h,
+                    start: Vector3::zeros(),
+                    fresh: true,
                     stuck: false,
                     impulse: Vector3::zeros(),
                     model: Model::default(),
+                    gap: Vector3::zeros(),
                 });
             }
             let len = self.manifold.found.len();
@@ -238,7 +321,7 @@ impl ContactWorkspace {
     /// Solves the step's problem; `problem.v` holds the start, then the solution. `again`: the start is the solution of a problem
     /// near by, with the same contacts.
     pub fn solve(&mut self, contacts: &Contacts, problem: &mut Problem, again: bool) -> Result<(), DynamicsError> {
-        self.rounds = 0;
+        (self.rounds, self.chords) = (0, 0);
         if self.active.is_empty() {
             return problem.solve();
         }
@@ -257,7 +340,10 @@ impl ContactWorkspace {
         if !again {
             for p in &mut self.points {
                 let n = &p.found.n;
-                p.stuck = (p.v - n * n.dot(&p.v)).norm_squared() <= SLOW * SLOW;
+                p.v -= p.drift;
+                p.start = p.v - n * n.dot(&p.v);
+                p.stuck = p.start.norm() <= self.scheme.slip;
+                p.fresh = true;
             }
         }
         for _ in 0..GUESSES {
@@ -280,7 +366,7 @@ impl ContactWorkspace {
         if self.search(contacts, problem)? {
             return Ok(());
         }
-        Err(DynamicsError::NoConvergence { what: WHAT, residual: self.error(), iterations: self.rounds })
+        Err(DynamicsError::NoConvergence { what: WHAT, residual: self.gaps(), iterations: self.rounds })
     }
 
     /// One guess: solves with the contacts' present models. True if the solution confirms them.
@@ -291,7 +377,7 @@ impl ContactWorkspace {
         problem.solve()?;
         self.rates(contacts, &problem.v);
         if self.confirm() {
-            return self.polish(contacts, problem);
+            return Ok(self.polish(contacts, problem));
         }
         Ok(false)
     }
@@ -308,6 +394,7 @@ impl ContactWorkspace {
             for p in &mut self.points {
                 let n = &p.found.n;
                 p.stuck = (p.v - n * n.dot(&p.v)).norm_squared() <= slip * slip;
+                p.fresh = false;
             }
             self.at.copy_from_slice(&problem.v);
             self.models();
@@ -317,7 +404,7 @@ impl ContactWorkspace {
                 *way = v - at;
             }
             self.rates(contacts, &problem.v);
-            if self.confirm() && self.polish(contacts, problem)? {
+            if self.confirm() && self.polish(contacts, problem) {
                 return Ok(true);
             }
             let part = self.line(contacts, problem);
@@ -420,7 +507,8 @@ impl ContactWorkspace {
             if p.stuck || p.limit <= 0.0 {
                 model.across = p.limit / self.scheme.slip;
             } else {
-                let v_t = p.v - n * v_n;
+                let v_t = if p.fresh { p.start } else { p.v - n * v_n };
+                p.fresh = false;
                 let speed = v_t.norm().max(self.scheme.slip);
                 model.across = p.limit / speed;
                 model.t = v_t / speed;
@@ -433,21 +521,31 @@ impl ContactWorkspace {
         problem.A.copy_from_slice(&self.H);
         problem.b.copy_from_slice(&self.rhs);
         for active in &mut self.active {
-            (active.K, active.F) = (Matrix6::zeros(), SpatialVector::zeros());
+            let mut sum = Sum::default();
             for p in &self.points[active.first..active.first + active.len] {
                 let (n, model) = (&p.found.n, &p.model);
-                let mut G = n * n.transpose() * (-model.by_v - model.across);
-                for i in 0..3 {
-                    G[(i, i)] += model.across;
-                }
                 let mut g0 = n * (model.g_n - model.by_v * model.v_n);
+                // G = a 1 + (b - a) n n^T - a t t^T, symmetric.
+                let (a, b) = (model.across, -model.by_v - model.across);
+                let c = if p.stuck { 0.0 } else { a };
                 if !p.stuck {
-                    G -= model.t * model.t.transpose() * model.across;
                     g0 -= model.t * p.limit;
                 }
-                active.K += about(&p.found.p, &G);
-                active.F += join(&p.found.p.cross(&g0), &g0);
+                let t = &model.t;
+                sum.add(
+                    &p.found.p,
+                    &g0,
+                    [
+                        a + b * n.x * n.x - c * t.x * t.x,
+                        b * n.x * n.y - c * t.x * t.y,
+                        b * n.x * n.z - c * t.x * t.z,
+                        a + b * n.y * n.y - c * t.y * t.y,
+                        b * n.y * n.z - c * t.y * t.z,
+                        a + b * n.z * n.z - c * t.z * t.z,
+                    ],
+                );
             }
+            (active.K, active.F) = (sum.matrix(), sum.F);
         }
         for bushing in &mut self.bushings {
             let active = &mut self.active[bushing.slot];
@@ -464,11 +562,11 @@ impl ContactWorkspace {
                 let KJ = active.K * Jj;
                 problem.b[cj.v] += Jj.dot(&active.F);
                 for (Ji, ci) in J[..j].iter().zip(&group.columns) {
-                    let entry = Ji.dot(&KJ);
+                    let entry = dot(Ji, &KJ);
                     problem.A[ci.v * n + cj.v] += entry;
                     problem.A[cj.v * n + ci.v] += entry;
                 }
-                problem.A[cj.v * n + cj.v] += Jj.dot(&KJ);
+                problem.A[cj.v * n + cj.v] += dot(Jj, &KJ);
             }
         }
     }
@@ -480,20 +578,6 @@ impl ContactWorkspace {
         let g_n = p.law.normal(&self.scheme, p.found.depth, v_n).value;
         let (s, stuck, _) = direction(self.scheme.slip, &(v - n * v_n));
         (n * g_n - s * p.limit, stuck)
-    }
-
-    /// How far a point's law is from its model. In stiction both are the same line, so nothing is lost to rounding there.
-    fn gap(&self, p: &Point) -> Vector3<f64> {
-        let (n, model) = (&p.found.n, &p.model);
-        let v_n = n.dot(&p.v);
-        let g_n = p.law.normal(&self.scheme, p.found.depth, v_n).value;
-        let mut gap = n * (g_n - (model.g_n + model.by_v * (v_n - model.v_n))) - model.extra;
-        if !p.stuck && p.limit > 0.0 {
-            let v_t = p.v - n * v_n;
-            let (s, _, _) = direction(self.scheme.slip, &v_t);
-            gap += (model.t - s) * p.limit + (v_t - model.t * model.t.dot(&v_t)) * model.across;
-        }
-        gap
     }
 
     /// Do the present velocities confirm what was assumed to stick and to slide? Sets what to assume next.
@@ -513,13 +597,24 @@ impl ContactWorkspace {
         good
     }
 
-    /// Error of all models over the size of all impulses.
-    fn error(&self) -> f64 {
+    /// Takes up how far each law is from its model at the present velocities; gives the error over the size of all impulses.
+    fn gaps(&mut self) -> f64 {
         // Where nothing pushes, the momentum stands in for the impulses.
         let (mut error, mut size) = (0.0, 1e-6 * self.rhs.iter().map(|b| b * b).sum::<f64>());
-        for p in &self.points {
-            error += self.gap(p).norm_squared();
-            size += self.force_size(p);
+        for p in &mut self.points {
+            let (n, model) = (&p.found.n, &p.model);
+            let v_n = n.dot(&p.v);
+            let g_n = p.law.normal(&self.scheme, p.found.depth, v_n).value;
+            let mut gap = n * (g_n - (model.g_n + model.by_v * (v_n - model.v_n))) - model.extra;
+            // In stiction law and model are the same line, so nothing is lost to rounding there.
+            if !p.stuck && p.limit > 0.0 {
+                let v_t = p.v - n * v_n;
+                let (s, _, _) = direction(self.scheme.slip, &v_t);
+                gap += (model.t - s) * p.limit + (v_t - model.t * model.t.dot(&v_t)) * model.across;
+            }
+            p.gap = gap;
+            error += gap.norm_squared();
+            size += g_n * g_n;
         }
         for bushing in &self.bushings {
             let V = &self.active[bushing.slot].V;
@@ -529,30 +624,27 @@ impl ContactWorkspace {
         if error == 0.0 { 0.0 } else { (error / size).sqrt() }
     }
 
-    fn force_size(&self, p: &Point) -> f64 {
-        let g = p.law.normal(&self.scheme, p.found.depth, p.found.n.dot(&p.v)).value;
-        g * g
-    }
-
     /// Ends with chord steps. True if the models then hold.
-    fn polish(&mut self, contacts: &Contacts, problem: &mut Problem) -> Result<bool, DynamicsError> {
+    fn polish(&mut self, contacts: &Contacts, problem: &mut Problem) -> bool {
         let mut before = f64::INFINITY;
-        for _ in 0..6 {
-            let error = self.error();
+        loop {
+            let error = self.gaps();
             if error <= TOLERANCE {
                 self.finish();
-                return Ok(true);
+                return true;
             }
-            if error.is_nan() || error > 0.1 * before || error > 1e-2 {
-                return Ok(false);
+            // Worth it while each step takes off much.
+            if error.is_nan() || error > 0.2 * before || error > 0.1 {
+                return false;
             }
+            self.chords += 1;
             before = error;
             self.short.fill(0.0);
             for active in &self.active {
                 let mut F = SpatialVector::zeros();
-                for p in &self.points[active.first..active.first + active.len] {
-                    let gap = self.gap(p);
-                    F += join(&p.found.p.cross(&gap), &gap);
+                for p in &mut self.points[active.first..active.first + active.len] {
+                    F += join(&p.found.p.cross(&p.gap), &p.gap);
+                    p.model.extra += p.gap;
                 }
                 let group = &contacts.groups[active.group];
                 for (J, c) in self.J[group.start..].iter().zip(&group.columns) {
@@ -568,10 +660,6 @@ impl ContactWorkspace {
                     self.short[c.v] += J.dot(&gap);
                 }
             }
-            for k in 0..self.points.len() {
-                let gap = self.gap(&self.points[k]);
-                self.points[k].model.extra += gap;
-            }
             let m = problem.free.len();
             for (i, &k) in problem.free.iter().enumerate() {
                 self.short[i] = self.short[k];
@@ -582,10 +670,9 @@ impl ContactWorkspace {
             }
             self.rates(contacts, &problem.v);
             if !self.confirm() {
-                return Ok(false);
+                return false;
             }
         }
-        Ok(false)
     }
 
     /// Keeps the impulses of the solution.

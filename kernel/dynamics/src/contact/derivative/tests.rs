@@ -213,7 +213,7 @@ fn gradient(bench: &Bench, w: &[f64], lambda: &[f64]) -> Vec<f64> {
         for (i, body) in multibody.bodies.iter().enumerate().skip(1) {
             V[i] = V[body.parent];
             for k in 0..body.nv {
-                V[i] += bench.rigid.S[body.tree + k] * (body.multiplier * x[body.v + k]);
+                V[i] += bench.rigid.S[body.tree + k] * x[body.v + k];
             }
         }
         V
@@ -226,7 +226,7 @@ fn gradient(bench: &Bench, w: &[f64], lambda: &[f64]) -> Vec<f64> {
         while at != 0 {
             let body = &multibody.bodies[at];
             for k in 0..body.nv {
-                let S = bench.rigid.S[body.tree + k] * body.multiplier;
+                let S = bench.rigid.S[body.tree + k];
                 let turned = |V: &[SpatialVector]| cross_motion(&S, &(V[i] - V[body.parent]));
                 out[body.v + k] += seed.pose.dot(&S) + seed.next.dot(&turned(&Vw)) + seed.old.dot(&turned(&V)) + seed.multiplier.dot(&turned(&Vl));
             }
