@@ -8,6 +8,8 @@ use std::cell::Cell;
 
 use common::{menagerie, panda, welded};
 use nalgebra::{Matrix6xX, Point3};
+use sagci_dynamics::residual::{Activation, Residual};
+use sagci_dynamics::rollout::{Inputs, Rollout, RolloutOptions};
 use sagci_dynamics::{Input, Part, System};
 use sagci_model::EffectEntry;
 
@@ -15,14 +17,26 @@ struct Counting;
 
 thread_local! {
     static COUNT: Cell<usize> = const { Cell::new(0) };
+    static BYTES: Cell<usize> = const { Cell::new(0) };
+    static MOST: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Bytes that this thread holds now.
+fn count_bytes(more: usize, less: usize) {
+    let _ = BYTES.try_with(|b| {
+        b.set((b.get() + more).saturating_sub(less));
+        let _ = MOST.try_with(|m| m.set(m.get().max(b.get())));
+    });
 }
 
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let _ = COUNT.try_with(|c| c.set(c.get() + 1));
+        count_bytes(layout.size(), 0);
         unsafe { Heap.alloc(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        count_bytes(0, layout.size());
         unsafe { Heap.dealloc(at, layout) }
     }
 }

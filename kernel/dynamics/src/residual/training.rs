@@ -132,6 +132,7 @@ impl Trainer {
         Ok(report)
     }
 
+    /// Windows overlap by half.
     fn windows(&self, system: &System, data: &[Sequence]) -> Result<Vec<Window>, DynamicsError> {
         let n = system.multibody().nv();
         let mut windows = Vec::new();
@@ -141,7 +142,7 @@ impl Trainer {
             }
             let steps = sequence.states.len().saturating_sub(1);
             length("the efforts of a sequence", sequence.tau.len(), steps * n)?;
-            windows.extend((0..(steps + 1).saturating_sub(self.horizon)).step_by(self.horizon).map(|k| (s, k)));
+            windows.extend((0..(steps + 1).saturating_sub(self.horizon)).step_by(self.horizon.div_ceil(2)).map(|k| (s, k)));
         }
         if windows.is_empty() {
             let what = "the number of windows in the data of a training".into();
