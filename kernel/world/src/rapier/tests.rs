@@ -467,3 +467,16 @@ fn a_bar_that_is_turned_in_the_grip_rolls_under_load() {
     assert!(angle > 0.15, "turned by {angle} rad");
     assert!((shift - 0.02 * angle).abs() < 0.15 * 0.02 * angle, "turned by {angle} rad, moved by {shift} m");
 }
+
+#[test]
+fn the_mounting_error_never_puts_the_shipped_camera_behind_its_own_housing() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models/panda");
+    let version = std::fs::read_to_string(folder.join("HEAD")).unwrap();
+    let robot = std::sync::Arc::new(sagci_model::ObjectModel::read(folder.join(version.trim())).unwrap());
+    let scene = Scene { robot, start: "look_ahead".into(), table_height: 0.0, objects: Vec::new() };
+    for seed in 0..30 {
+        let image = world(&scene, seed, WorldOptions::default()).look().unwrap();
+        let measured = image.depth.iter().filter(|z| **z > 0.0).count();
+        assert!(measured > image.depth.len() / 2, "seed {seed}: {measured} of {} pixels measured", image.depth.len());
+    }
+}
