@@ -37,6 +37,7 @@ fn stepping_and_every_algorithm_allocate_nothing() {
         effect: "hard_stop".into(),
         joint: Some("panda_joint2".into()),
         parameters: [("stiffness", 1e4), ("dissipation", 1e3), ("position", 0.5), ("side", 1.0)].map(|(n, v)| (n.into(), v)).into(),
+        ..EffectEntry::default()
     });
     let system = System::new(&[welded(&arm), Part::floating(&zoo)]).unwrap();
     let multibody = system.multibody();

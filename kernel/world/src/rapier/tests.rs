@@ -98,6 +98,7 @@ fn door_with_bias(torque: f64) -> RapierWorld {
         effect: "torque_bias".into(),
         joint: Some("hinge".into()),
         parameters: [("bias".to_owned(), -torque)].into(),
+        ..EffectEntry::default()
     });
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     world(&scene, 1, exact())
@@ -356,7 +357,12 @@ fn physics_that_breaks_down_is_an_error_and_stays_one() {
 fn an_effect_that_is_not_simulated_is_refused() {
     let mut scene = scene("gantry", "high");
     let mut door = model("door");
-    door.document.effects.push(EffectEntry { effect: "gremlins".into(), joint: Some("hinge".into()), parameters: [].into() });
+    door.document.effects.push(EffectEntry {
+        effect: "gremlins".into(),
+        joint: Some("hinge".into()),
+        parameters: [].into(),
+        ..EffectEntry::default()
+    });
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     let error = RapierWorld::new(exact()).reset(&scene, 1).unwrap_err().to_string();
     assert!(error.contains("door") && error.contains("gremlins") && error.contains("joint_spring"), "{error}");
@@ -436,6 +442,7 @@ fn roll(load: f64, torque: f64) -> (f64, f64) {
         effect: "torque_bias".into(),
         joint: Some("axle".into()),
         parameters: [("bias".to_owned(), -torque)].into(),
+        ..EffectEntry::default()
     });
     put_model(&mut scene, "roller", roller, [0.0, 0.0, 0.0]);
     let mut world = world(&scene, 1, exact());
