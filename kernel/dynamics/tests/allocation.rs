@@ -8,6 +8,7 @@ use std::cell::Cell;
 
 use common::{menagerie, panda, welded};
 use nalgebra::{Matrix6xX, Point3};
+use sagci_dynamics::effects::{Acts, Parameter, Prior, catalogue};
 use sagci_dynamics::{Input, Part, System};
 use sagci_model::EffectEntry;
 
@@ -39,6 +40,21 @@ fn stepping_and_every_algorithm_allocate_nothing() {
         parameters: [("stiffness", 1e4), ("dissipation", 1e3), ("position", 0.5), ("side", 1.0)].map(|(n, v)| (n.into(), v)).into(),
         ..EffectEntry::default()
     });
+    // Every effect of the catalogue, with middling parameters.
+    for effect in catalogue() {
+        let d = effect.description();
+        let middling = |p: &Parameter| match p.prior[0] {
+            Prior::LogNormal { median, .. } => median,
+            Prior::Normal { mean, .. } => mean,
+            Prior::OneOf(choices) => choices[0],
+        };
+        arm.document.effects.push(EffectEntry {
+            effect: d.name.into(),
+            joint: (d.acts != Acts::Base).then(|| "panda_joint4".into()),
+            parameters: d.parameters.iter().filter(|p| p.words.is_empty()).map(|p| (p.name.into(), middling(p))).collect(),
+            ..EffectEntry::default()
+        });
+    }
     let system = System::new(&[welded(&arm), Part::floating(&zoo)]).unwrap();
     let multibody = system.multibody();
     let (mut ws, mut rigid, mut state) = (system.workspace(), multibody.workspace(), system.state());
@@ -49,6 +65,7 @@ fn stepping_and_every_algorithm_allocate_nothing() {
     for _ in 0..300 {
         system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 1e-3).unwrap();
         system.inverse_dynamics(&mut ws, &state, &tau, &[], &mut x).unwrap();
+        let _ = system.measure(&state, 1.0, 3);
         multibody.set_state(&mut rigid, &state.q, &state.v).unwrap();
         multibody.forward_dynamics(&mut rigid, &tau, &[], &mut x).unwrap();
         multibody.bias_efforts(&mut rigid, &mut x).unwrap();
