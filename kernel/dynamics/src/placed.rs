@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut};
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
-use crate::effects::{Acts, Advance, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Transfer};
+use crate::effects::{Acts, Advance, Force, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Transfer};
 use crate::joint::Motion;
 use crate::spatial::linear;
 use crate::step::StepWorkspace;
@@ -162,6 +162,21 @@ impl System {
             }
         }
         out
+    }
+
+    /// The same without derivatives, for the step.
+    pub(crate) fn force(&self, placed: &Placement, taken: &Taken<'_>) -> Force {
+        let description = placed.effect.description();
+        if description.acts != Acts::Joint {
+            return Force::default();
+        }
+        let mut force = placed.effect.force(self.theta_of(placed), &self.instant(placed, taken, taken.tau[placed.v]));
+        if description.wears && !self.wears.is_empty() {
+            let factor = self.wear(placed.v, taken, None);
+            force.smooth = force.smooth.map(|f| f * factor);
+            force.dry = force.dry.map(|f| f * factor);
+        }
+        force
     }
 
     /// The factor on the losses of a degree of freedom; without one effect, if that is given.

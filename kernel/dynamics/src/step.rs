@@ -223,16 +223,16 @@ impl System {
         problem.hinges.clear();
         let taken = Taken { state, next: &ws.next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
         for placed in self.placements() {
-            let resistance = self.resistance(placed, &taken);
-            let k = placed.v;
-            let slope = resistance.smooth.d_next.max(0.0);
+            let force = self.force(placed, &taken);
+            let (k, [value, slope]) = (placed.v, force.smooth);
+            let slope = slope.max(0.0);
             problem.A[k * n + k] += dt * slope;
-            problem.b[k] += dt * (slope * ws.next[k] - resistance.smooth.value);
-            for (dry, bound) in problem.dry[k].iter_mut().zip(&resistance.dry) {
-                *dry += dt * bound.value.max(0.0);
+            problem.b[k] += dt * (slope * ws.next[k] - value);
+            for (dry, bound) in problem.dry[k].iter_mut().zip(force.dry) {
+                *dry += dt * bound.max(0.0);
             }
-            for stop in resistance.stops.iter().flatten() {
-                problem.hinges.push(Hinge { k, side: stop.side, offset: dt * stop.offset, slope: dt * stop.slope });
+            for [side, offset, slope] in force.stops.into_iter().flatten() {
+                problem.hinges.push(Hinge { k, side, offset: dt * offset, slope: dt * slope });
             }
         }
         self.add_bases(ws, state, dt);

@@ -1,6 +1,6 @@
 //! `dtau = friction sgn(v)`, and whatever holds the joint at rest up to `friction`: Coulomb's law.
 
-use super::{Description, Effect, Instant, Parameter, Resistance, SIZE, around, unit};
+use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct CoulombFriction;
@@ -29,5 +29,9 @@ impl Effect for CoulombFriction {
             bound.value = theta[0];
             bound.d_theta[0] = 1.0;
         }
+    }
+
+    fn force(&self, theta: &[f64], _at: &Instant<'_>) -> Force {
+        Force { dry: [theta[0]; 2], ..Force::default() }
     }
 }

@@ -71,6 +71,13 @@ pub trait Effect: std::fmt::Debug + Sync {
         let _ = (theta, at, out);
     }
 
+    /// The same without derivatives, for a step. Only what stands on every joint of a URDF has a shorter way than the whole.
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        let mut out = Resistance::default();
+        self.resist(theta, at, &mut out);
+        Force::from(&out)
+    }
+
     /// Number of inner states, such as the bristle of a presliding model or a pressure; at most [`MAX_STATES`]. They start at
     /// zero.
     fn states(&self) -> usize {

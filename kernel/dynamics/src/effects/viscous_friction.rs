@@ -1,6 +1,6 @@
 //! `dtau = damping v`: the drag of a lubricated bearing.
 
-use super::{Description, Effect, Instant, Parameter, Resistance, SIZE, around, unit};
+use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ViscousFriction;
@@ -28,5 +28,9 @@ impl Effect for ViscousFriction {
         let damping = theta[0];
         out.smooth = at.force(damping * at.next, 0.0, damping);
         out.smooth.d_theta[0] = at.next;
+    }
+
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        Force { smooth: [theta[0] * at.next, theta[0]], ..Force::default() }
     }
 }

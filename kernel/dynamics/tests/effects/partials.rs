@@ -1,7 +1,9 @@
 //! Partial derivatives of every door of every effect against central differences, and numbers that stay numbers.
 
 use rand::RngExt;
-use sagci_dynamics::effects::{Advance, Effect, HISTORY, Instant, MAX_STATES, Partial, Reading, Reshape, Resistance, Transfer, catalogue};
+use sagci_dynamics::effects::{
+    Advance, Effect, Force, HISTORY, Instant, MAX_STATES, Partial, Reading, Reshape, Resistance, Transfer, catalogue,
+};
 
 use crate::common::random;
 use crate::{draw, draw_all};
@@ -18,6 +20,7 @@ fn everything(effect: &dyn Effect, x: &[f64], dt: f64, history: &[f64]) -> Vec<(
     let mut out = Vec::new();
     let mut resistance = Resistance::default();
     effect.resist(theta, &at, &mut resistance);
+    assert_eq!(effect.force(theta, &at), Force::from(&resistance), "{effect:?}: a step sees another force than its derivatives");
     out.push(("smooth", resistance.smooth));
     out.extend(resistance.dry.map(|d| ("dry", d)));
     for stop in resistance.stops.iter().flatten() {

@@ -142,6 +142,27 @@ impl Stop {
     }
 }
 
+/// A [`Resistance`] without its derivatives: what a step needs.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Force {
+    /// The smooth part at the next velocity, and its slope by that.
+    pub smooth: [f64; 2],
+    /// Bounds of dry friction.
+    pub dry: [f64; 2],
+    /// One-sided contacts: side, offset and slope of [`Stop`].
+    pub stops: [Option<[f64; 3]>; 2],
+}
+
+impl From<&Resistance> for Force {
+    fn from(r: &Resistance) -> Self {
+        Self {
+            smooth: [r.smooth.value, r.smooth.d_next],
+            dry: [r.dry[0].value, r.dry[1].value],
+            stops: r.stops.map(|s| s.map(|s| [s.side, s.offset, s.slope])),
+        }
+    }
+}
+
 impl Resistance {
     /// The same bound of dry friction in both directions.
     #[inline]

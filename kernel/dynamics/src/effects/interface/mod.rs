@@ -7,6 +7,6 @@ mod partial;
 
 pub(super) use description::{ABOVE_ZERO, ANY, PLACE, SIZE, around, near, unit};
 pub use description::{Acts, Description, Parameter, Prior};
-pub use doors::{Advance, HISTORY, Instant, Reading, Reshape, Resistance, Sample, Stop, Sway, Transfer, Variables};
+pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Sample, Stop, Sway, Transfer, Variables};
 pub(super) use partial::sign;
 pub use partial::{MAX_PARAMETERS, MAX_STATES, Partial};
