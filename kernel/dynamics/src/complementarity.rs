@@ -2,7 +2,8 @@
 //!
 //! `minimise  v^T A v / 2 - b^T v + sum_k phi_k(v_k)`,  `lower_k <= v_k <= upper_k`,
 //!
-//! with `A` symmetric positive definite and each `phi_k` convex and piecewise quadratic: dry friction `f_k |v_k|`, and stops
+//! with `A` symmetric positive definite and each `phi_k` convex and piecewise quadratic: dry friction `f+ max(v_k, 0) + f- max(-v_k, 0)`
+//! (a bound for each direction of motion, neither negative; between `f+` and `-f-` at rest), and stops
 //! `(s (side v - start))+^2 / (2 s)`. Its optimality conditions are the step's equations of motion with Coulomb's law and the
 //! complementarity of limits, so it has one solution and that is the step (Anitescu 2006; Castro et al. 2022).
 //!
@@ -30,6 +31,18 @@ impl Hinge {
     }
 }
 
+/// Impulse of dry friction on motion at `v`; at rest it counts as zero.
+#[inline]
+pub(crate) fn rub([forward, backward]: [f64; 2], v: f64) -> f64 {
+    if v > 0.0 {
+        forward
+    } else if v < 0.0 {
+        -backward
+    } else {
+        0.0
+    }
+}
+
 /// What holds a coordinate in the solution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Held {
@@ -48,8 +61,8 @@ pub(crate) struct Problem {
     /// Row-major.
     pub A: Vec<f64>,
     pub b: Vec<f64>,
-    /// Impulses of dry friction.
-    pub dry: Vec<f64>,
+    /// Impulses of dry friction against positive and against negative motion.
+    pub dry: Vec<[f64; 2]>,
     pub walls: Vec<[f64; 2]>,
     pub hinges: Vec<Hinge>,
     /// Where the search starts, then the solution.
@@ -72,7 +85,7 @@ impl Problem {
             n,
             A: vec![0.0; n * n],
             b: vec![0.0; n],
-            dry: vec![0.0; n],
+            dry: vec![[0.0; 2]; n],
             walls: vec![[f64::NEG_INFINITY, f64::INFINITY]; n],
             hinges: Vec::with_capacity(stops),
             v: vec![0.0; n],
@@ -94,7 +107,7 @@ impl Problem {
 
     /// Solves from the starting point `self.v`.
     pub fn solve(&mut self) -> Result<(), DynamicsError> {
-        if self.hinges.is_empty() && self.dry.iter().all(|f| *f == 0.0) && self.unconstrained()? {
+        if self.hinges.is_empty() && self.dry.iter().all(|f| *f == [0.0; 2]) && self.unconstrained()? {
             return Ok(());
         }
         for (v, [lower, upper]) in self.v.iter_mut().zip(&self.walls) {
@@ -119,7 +132,7 @@ impl Problem {
             // Where the whole step goes too far, it goes to the corner that it passed, if that is better than the sweep.
             for (k, v) in self.v.iter_mut().enumerate() {
                 let [lower, upper] = self.walls[k];
-                let passed = self.dry[k] > 0.0 && *v * self.candidate[k] < 0.0;
+                let passed = self.dry[k] != [0.0; 2] && *v * self.candidate[k] < 0.0;
                 *v = if passed { 0.0 } else { v.max(lower).min(upper) };
             }
             self.gradient();
@@ -161,7 +174,7 @@ impl Problem {
 
     /// The problem's value at the present `v`, whose gradient is there.
     fn objective(&self) -> f64 {
-        let smooth: f64 = (0..self.n).map(|k| 0.5 * self.v[k] * (self.g[k] - self.b[k]) + self.dry[k] * self.v[k].abs()).sum();
+        let smooth: f64 = (0..self.n).map(|k| 0.5 * self.v[k] * (self.g[k] - self.b[k]) + rub(self.dry[k], self.v[k]) * self.v[k]).sum();
         let stops: f64 = self.hinges.iter().filter(|h| h.slope > 0.0).map(|h| h.push(self.v[h.k]).powi(2) / (2.0 * h.slope)).sum();
         smooth + stops
     }
@@ -197,13 +210,13 @@ impl Problem {
         let a = self.A[k * self.n + k];
         let r = a * self.v[k] - self.g[k];
         let [lower, upper] = self.walls[k];
-        let dry = self.dry[k];
+        let [forward, backward] = self.dry[k];
         if !self.hinges.iter().any(|h| h.k == k) {
             // a v + dry sgn(v) = r
-            let v = if r > dry {
-                (r - dry) / a
-            } else if r < -dry {
-                (r + dry) / a
+            let v = if r > forward {
+                (r - forward) / a
+            } else if r < -backward {
+                (r + backward) / a
             } else {
                 0.0
             };
@@ -220,7 +233,7 @@ impl Problem {
         let smooth = |v: f64| a * v - r + hinges.iter().filter(|h| h.k == k).map(|h| h.push(v)).sum::<f64>();
         // On the line that holds `v`.
         let zero_near = |v: f64| {
-            let (mut slope, mut right) = (a, r - dry.copysign(v));
+            let (mut slope, mut right) = (a, r - if v > 0.0 { forward } else { -backward });
             for h in hinges.iter().filter(|h| h.k == k && h.push(v) != 0.0) {
                 slope += h.slope;
                 right -= h.side * h.offset;
@@ -230,8 +243,8 @@ impl Problem {
         let mut left = None;
         for &kink in &self.kinks {
             let value = smooth(kink);
-            let before = value + if kink > 0.0 { dry } else { -dry };
-            let after = value + if kink >= 0.0 { dry } else { -dry };
+            let before = value + if kink > 0.0 { forward } else { -backward };
+            let after = value + if kink >= 0.0 { forward } else { -backward };
             if after >= 0.0 {
                 let v = if before <= 0.0 { kink } else { zero_near(left.map_or(kink - 1.0, |l: f64| 0.5 * (l + kink))) };
                 return v.max(lower).min(upper);
@@ -247,7 +260,7 @@ impl Problem {
             let (v, [lower, upper]) = (self.v[k], self.walls[k]);
             self.held[k] = if v <= lower || v >= upper {
                 Held::AtLimit
-            } else if v == 0.0 && self.dry[k] > 0.0 {
+            } else if v == 0.0 && self.dry[k] != [0.0; 2] {
                 Held::Stuck
             } else {
                 self.free.push(k);
@@ -261,7 +274,7 @@ impl Problem {
         let (n, m) = (self.n, self.free.len());
         self.candidate.copy_from_slice(&self.v);
         for (i, &k) in self.free.iter().enumerate() {
-            let mut r = self.b[k] - self.dry[k] * if self.v[k] == 0.0 { 0.0 } else { self.v[k].signum() };
+            let mut r = self.b[k] - rub(self.dry[k], self.v[k]);
             for j in 0..n {
                 if self.held[j] != Held::Free {
                     r -= self.A[k * n + j] * self.v[j];
@@ -301,9 +314,9 @@ mod tests {
         let needed = p.b[k] - (0..p.n).map(|j| p.A[k * p.n + j] * p.v[j]).sum::<f64>();
         let stops: f64 = p.hinges.iter().filter(|h| h.k == k).map(|h| h.push(v)).sum();
         let (mut least, mut most) = match v {
-            v if v > 0.0 => (p.dry[k], p.dry[k]),
-            v if v < 0.0 => (-p.dry[k], -p.dry[k]),
-            _ => (-p.dry[k], p.dry[k]),
+            v if v > 0.0 => (p.dry[k][0], p.dry[k][0]),
+            v if v < 0.0 => (-p.dry[k][1], -p.dry[k][1]),
+            _ => (-p.dry[k][1], p.dry[k][0]),
         };
         if v >= p.walls[k][1] {
             most = f64::INFINITY;
@@ -331,7 +344,11 @@ mod tests {
             }
             for (k, s) in scale.iter().enumerate() {
                 p.b[k] = s * rng.random_range(-1.0..1.0);
-                p.dry[k] = if rng.random_range(0..3) == 0 { 0.0 } else { s * rng.random_range(0.0..0.8) };
+                p.dry[k] = match rng.random_range(0..4) {
+                    0 => [0.0; 2],
+                    1 => [s * rng.random_range(0.0..0.8), 0.0],
+                    _ => [s * rng.random_range(0.0..0.8), s * rng.random_range(0.0..0.8)],
+                };
                 p.walls[k] = match rng.random_range(0..4) {
                     0 => [-rng.random_range(0.0..1.0), rng.random_range(0.0..1.0)],
                     1 => [rng.random_range(0.0..0.5), 2.0],

@@ -136,10 +136,15 @@ const LENGTH: [f64; 2] = [-1e3, 1e3];
 const ANY: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 impl System {
+    /// The rigid bodies as they are given, without the effects that change them.
+    fn given(&self) -> &Multibody {
+        self.given.as_deref().unwrap_or(&self.multibody)
+    }
+
     /// All parameters.
     pub fn all_parameters(&self) -> ParameterVector {
         let mut entries = Vec::new();
-        let multibody = self.multibody();
+        let multibody = self.given();
         let mut push = |id, kind, name: String, unit, bounds, from| entries.push(Entry { id, kind, name, unit, bounds, from });
         for (link, part, name) in multibody.links() {
             let inertia = multibody.link_inertia(link);
@@ -288,7 +293,8 @@ impl System {
             }
         }
         let mut weights = self.residual().map(|r| r.network().weights().to_vec());
-        let multibody = self.multibody_mut();
+        let mut guard = self.multibody_mut();
+        let multibody: &mut Multibody = &mut guard;
         let (mut links, mut axes, mut origins, mut shapes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (entry, value) in which.entries.iter().zip(values) {
             match (entry.id, entry.from) {
@@ -323,6 +329,7 @@ impl System {
             let rotation = *from * UnitQuaternion::from_scaled_axis(*turn);
             multibody.set_joint_origin(*joint, &Isometry3::from_parts(Translation3::from(*place), rotation));
         }
+        drop(guard);
         for (entry, value) in which.entries.iter().zip(values) {
             match entry.id {
                 ParameterId::Armature(v) => self.multibody_mut().armature_mut()[v] = *value,
@@ -427,7 +434,7 @@ impl ParameterVector {
     /// Entries of another system.
     pub fn values(&self, system: &System) -> Result<Vec<f64>, DynamicsError> {
         self.check_owner(system)?;
-        let multibody = system.multibody();
+        let multibody = system.given();
         let mut last: Option<(LinkId, LogCholesky)> = None;
         let values = self.entries.iter().map(|entry| match (entry.id, entry.from) {
             (ParameterId::LinkMass(link) | ParameterId::LinkCenter(link, _) | ParameterId::LinkInertia(link, _), _) => {
@@ -472,7 +479,7 @@ impl ParameterVector {
     pub fn gradient(&self, system: &System, natural: &NaturalGradient, into: &mut [f64]) -> Result<(), DynamicsError> {
         length("the gradient by parameters", into.len(), self.len())?;
         self.check_owner(system)?;
-        let multibody = system.multibody();
+        let multibody = system.given();
         length("the gradient by inertias", natural.rigid.inertia.len(), multibody.frames.len())?;
         length("the gradient by effects", natural.theta.len(), system.parameters().len())?;
         let mut last: Option<(LinkId, [f64; 10])> = None;
@@ -492,15 +499,17 @@ impl ParameterVector {
                 }
                 (ParameterId::JointAxis(joint, k), Reference::Axis(from)) => {
                     let turn = turn_of_axis(&from, &multibody.joint_axis(joint).into_inner());
-                    turned_axis(&from, &turn).1[k].dot(&natural.rigid.axis[joint.0])
+                    turned_axis(&from, &turn).1[k].dot(&(reshape(system, joint).0.inverse() * natural.rigid.axis[joint.0]))
                 }
                 (ParameterId::JointOrigin(joint, k), Reference::Turn(from)) => {
                     let (twist, X) = (&natural.rigid.origin[joint.0], multibody.joint_origin(joint));
+                    let force = Vector3::new(twist[3], twist[4], twist[5]);
                     if k < 3 {
                         let turn = (from.inverse() * X.rotation).scaled_axis();
-                        left_jacobian(&turn, &Vector3::new(twist[0], twist[1], twist[2]))[k]
+                        let torque = Vector3::new(twist[0], twist[1], twist[2]) + reshape(system, joint).1.cross(&force);
+                        left_jacobian(&turn, &torque)[k]
                     } else {
-                        (X.rotation * Vector3::new(twist[3], twist[4], twist[5]))[k - 3]
+                        (X.rotation * force)[k - 3]
                     }
                 }
                 (ParameterId::Armature(v), _) => natural.rigid.armature[v],
@@ -548,6 +557,21 @@ impl ParameterVector {
             }),
         }
     }
+}
+
+/// What effects turn a joint's axis by, and shift its origin by, in the joint's frame.
+fn reshape(system: &System, joint: JointId) -> (Rotation3<f64>, Vector3<f64>) {
+    let multibody = system.multibody();
+    let mount = &multibody.mounts[joint.0];
+    let (mut turn, mut shift) = (Rotation3::identity(), Vector3::zeros());
+    if mount.kind != JointKind::Fixed && system.given.is_some() {
+        let body = &multibody.bodies[mount.body];
+        for (_, change) in system.reshapes().filter(|(p, _)| body.nv == 1 && p.v == body.v && !body.follows) {
+            turn = Rotation3::new(change.turn()) * turn;
+            shift += change.shift();
+        }
+    }
+    (turn, shift)
 }
 
 /// Does a name fit a pattern in which `*` stands for anything?
@@ -693,7 +717,7 @@ fn turn_of_axis(from: &Vector3<f64>, axis: &Vector3<f64>) -> [f64; 2] {
 }
 
 /// `J_l(r) x`: the transpose of the right Jacobian of SO(3) (Barfoot 2017, 7.77).
-fn left_jacobian(r: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
+pub(crate) fn left_jacobian(r: &Vector3<f64>, x: &Vector3<f64>) -> Vector3<f64> {
     let angle = r.norm();
     let (a, b) = if angle < 1e-4 {
         (0.5 - angle * angle / 24.0, 1.0 / 6.0 - angle * angle / 120.0)

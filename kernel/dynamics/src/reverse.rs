@@ -21,14 +21,15 @@ use crate::complementarity::{Held, Problem};
 use crate::contact::Contacts;
 use crate::contact::derivative::Seed;
 use crate::contact::solver::ContactWorkspace;
-use crate::effects::{Instant, MAX_PARAMETERS, Partial, Resistance};
 use crate::joint::matrix;
 use crate::linear::{cholesky, cholesky_solve};
+use crate::parameter::left_jacobian;
+use crate::placed::{Cotangents, Taken};
 use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
 use crate::{
-    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, Placement, RigidGradient, SpatialVector, State, StepWorkspace, System,
+    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System,
     Workspace, cross_force,
 };
 
@@ -127,9 +128,12 @@ impl Solve {
 pub(crate) struct Record {
     pub state: State,
     load: Vec<f64>,
-    /// Hessian of all but contact and stops, where there are contacts: the solver's last factor is only near the one at the
-    /// solution.
-    A: Vec<f64>,
+    /// Inputs that reached the joints, and what came into each change of the command.
+    tau: Vec<f64>,
+    seen: Vec<f64>,
+    /// The mass matrix, where the solver's last factor is only near the one at the solution: with contacts, and with forces that
+    /// are no linear function of `w`.
+    M: Vec<f64>,
     first: Solve,
     /// Used where the step is solved twice.
     second: Solve,
@@ -139,16 +143,17 @@ impl Record {
     pub fn new(system: &System) -> Self {
         let n = system.multibody().nv();
         let second = if system.solves_twice() { n } else { 0 };
-        let square = if system.contacts.is_some() { n * n } else { 0 };
-        Self { state: system.state(), load: vec![0.0; n], A: vec![0.0; square], first: Solve::new(n), second: Solve::new(second) }
+        let square = if system.factors_again() { n * n } else { 0 };
+        let (load, tau, seen) = (vec![0.0; n], vec![0.0; n], vec![0.0; system.placements().len()]);
+        Self { state: system.state(), load, tau, seen, M: vec![0.0; square], first: Solve::new(n), second: Solve::new(second) }
     }
 
     /// Bytes that one record takes.
     pub fn bytes(system: &System) -> usize {
         let (n, state) = (system.multibody().nv(), system.state());
         let solves = if system.solves_twice() { 2 } else { 1 };
-        let squares = solves + usize::from(system.contacts.is_some());
-        let numbers = state.q.len() + state.v.len() + state.z.len() + n + solves * n + squares * n * n;
+        let squares = solves + usize::from(system.factors_again());
+        let numbers = state.q.len() + state.v.len() + state.z.len() + system.placements().len() + 2 * n + solves * n + squares * n * n;
         std::mem::size_of::<Self>() + 8 * numbers + solves * n * std::mem::size_of::<Held>()
     }
 
@@ -157,11 +162,17 @@ impl Record {
         copy_state(&mut self.state, state);
     }
 
+    fn taken<'a>(&'a self, next: &'a [f64], dt: f64) -> Taken<'a> {
+        Taken { state: &self.state, next, tau: &self.tau, seen: &self.seen, load: &self.load, dt }
+    }
+
     /// Keeps how the step was solved.
     pub fn end(&mut self, system: &System, ws: &StepWorkspace) {
         self.load.copy_from_slice(&ws.load);
-        if !self.A.is_empty() {
-            self.A.copy_from_slice(&ws.problem.A);
+        self.tau.copy_from_slice(&ws.tau);
+        self.seen.copy_from_slice(&ws.seen);
+        if !self.M.is_empty() {
+            self.M.copy_from_slice(ws.rigid.M.as_slice());
         }
         if system.solves_twice() {
             self.first.copy(&ws.first);
@@ -200,6 +211,8 @@ pub(crate) struct ReverseWorkspace {
     rhs: Vec<f64>,
     a: Vec<f64>,
     load_bar: Vec<f64>,
+    tau_bar: Vec<f64>,
+    spare: Vec<f64>,
     next: StateCotangent,
 }
 
@@ -230,7 +243,7 @@ impl ReverseWorkspace {
             residual: system.residual.as_ref().map(|r| r.workspace(n)),
             contact: system.contacts.as_ref().map(|c| Box::new(ContactWorkspace::new(c, n))),
             seeds: vec![Seed::default(); multibody.bodies.len()],
-            factor: vec![0.0; n * n],
+            factor: vec![0.0; 2 * n * n],
             material: natural.material,
             shape: natural.shape,
             wanted: Wanted::ALL,
@@ -242,6 +255,8 @@ impl ReverseWorkspace {
             rhs: vec![0.0; n],
             a: vec![0.0; n],
             load_bar: vec![0.0; n],
+            tau_bar: vec![0.0; n],
+            spare: vec![0.0; n],
             next: StateCotangent::zero(system),
         }
     }
@@ -258,7 +273,6 @@ impl ReverseWorkspace {
 
 /// The input of a step, and where its cotangents are added.
 pub(crate) struct InputCotangent<'a> {
-    pub tau: &'a [f64],
     pub external: &'a [ExternalWrench],
     pub tau_bar: &'a mut [f64],
     pub external_bar: &'a mut [SpatialVector],
@@ -268,6 +282,47 @@ impl System {
     /// A step is solved twice: the second time with what depends on the first solution.
     pub(crate) fn solves_twice(&self) -> bool {
         self.coriolis == Coriolis::AtMidpoint || self.residual.is_some()
+    }
+
+    /// The factor that a step leaves is not quite the one at its solution.
+    fn factors_again(&self) -> bool {
+        self.contacts.is_some() || self.nonlinear
+    }
+
+    /// Is there a way back through this system?
+    pub(crate) fn check_reversible(&self) -> Result<(), DynamicsError> {
+        match self.sways.first() {
+            None => Ok(()),
+            Some(sway) => {
+                let placed = &self.placements()[sway.placement];
+                Err(DynamicsError::Build {
+                    part: placed.part.clone(),
+                    place: placed.effect.description().name.into(),
+                    message: "has no gradient through time; take the effect off, or take differences".into(),
+                })
+            }
+        }
+    }
+
+    /// Adds to the gradient by effects that change the rigid bodies what the gradient by those gives.
+    pub(crate) fn reshapes_back(&self, natural: &mut NaturalGradient) {
+        let multibody = self.multibody();
+        for (placed, change) in self.reshapes() {
+            let Some(mount) = multibody.mounts.iter().position(|m| {
+                m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v && !multibody.bodies[m.body].follows
+            }) else {
+                continue;
+            };
+            let (by_axis, by_origin) = (natural.rigid.axis[mount], natural.rigid.origin[mount]);
+            let (axis, turn) = (multibody.bodies[multibody.mounts[mount].body].motion.axis, change.turn());
+            for (k, theta) in natural.theta[placed.theta.clone()].iter_mut().enumerate() {
+                *theta += natural.rigid.armature[placed.v] * change.armature.d_theta[k];
+                let child = multibody.mounts[mount].child;
+                *theta += natural.rigid.inertia[child].iter().zip(&change.inertia).map(|(g, p)| g * p.d_theta[k]).sum::<f64>();
+                let [dr, dp] = [&change.turn, &change.shift].map(|x| Vector3::new(x[0].d_theta[k], x[1].d_theta[k], x[2].d_theta[k]));
+                *theta += by_axis.dot(&left_jacobian(&turn, &dr).cross(&axis)) + linear(&by_origin).dot(&dp);
+            }
+        }
     }
 
     /// Takes one step back: `bar` is the cotangent of the next state, and becomes that of the state before. Adds to the
@@ -295,23 +350,45 @@ impl System {
         let twice = self.solves_twice();
         let last = if twice { &record.second } else { &record.first };
         ws.w.copy_from_slice(&ws.next.v);
-        bar.z.copy_from_slice(&ws.next.z);
+        ws.tau_bar.fill(0.0);
+        let taken = record.taken(&last.w, dt);
+        self.advance_back(&taken, &ws.next.z, &mut Cotangents {
+            q: &mut bar.q,
+            v: &mut bar.v,
+            next: &mut ws.w,
+            z: &mut bar.z,
+            tau: &mut ws.tau_bar,
+            load: &mut ws.load_bar,
+            theta: &mut ws.theta,
+        });
         multibody.pull_integrate(&last.w, dt, &ws.next.q, &mut bar.q, &mut ws.w);
         if twice {
             ws.first.fill(0.0);
             self.reverse_solve(ws, record, false, dt, bar, input);
             std::mem::swap(&mut ws.w, &mut ws.first);
             if let (Some(placed), Some(residual)) = (&self.residual, &mut ws.residual) {
-                placed.force(residual, &state.q, &state.v, input.tau, &record.first.w, dt);
+                placed.force(residual, &state.q, &state.v, &record.tau, &record.first.w, dt);
                 for (f, lambda) in ws.rhs.iter_mut().zip(&ws.lambda) {
                     *f = dt * lambda;
                 }
                 let weights = ws.wanted.weights.then_some(&mut ws.weights[..]);
-                let mut into = ResidualCotangents { q: &mut bar.q, v: &mut bar.v, u: &mut *input.tau_bar, next: &mut ws.w, weights };
+                let mut into = ResidualCotangents { q: &mut bar.q, v: &mut bar.v, u: &mut ws.tau_bar, next: &mut ws.w, weights };
                 placed.pull(residual, &state.q, dt, &ws.rhs, &mut into);
             }
         }
         self.reverse_solve(ws, record, true, dt, bar, input);
+        self.drive_back(&taken, &ws.next.z, &mut Cotangents {
+            q: &mut bar.q,
+            v: &mut bar.v,
+            next: &mut ws.spare,
+            z: &mut bar.z,
+            tau: &mut ws.tau_bar,
+            load: &mut ws.load_bar,
+            theta: &mut ws.theta,
+        });
+        for (to, from) in input.tau_bar.iter_mut().zip(&ws.tau_bar) {
+            *to += from;
+        }
         if ws.load_bar.iter().any(|l| *l != 0.0) {
             // load = -ID(q, v, 0)
             ws.a.fill(0.0);
@@ -355,19 +432,24 @@ impl System {
             (Some(contacts), Some(contact)) if !contact.active.is_empty() => {
                 contact.rates(contacts, &solve.w);
                 contact.differentiate();
-                self.factor(contacts, contact, record, solve, dt, input.tau, &mut ws.factor);
-                free_part(&ws.factor, &solve.held, &ws.w, &mut ws.rhs, &mut ws.lambda);
                 true
             }
-            _ => {
-                free_part(&solve.factor, &solve.held, &ws.w, &mut ws.rhs, &mut ws.lambda);
-                false
-            }
+            _ => false,
         };
+        if touching || self.nonlinear {
+            let contacts = if touching { self.contacts.as_deref().zip(ws.contact.as_deref()) } else { None };
+            let taken = record.taken(&solve.w, dt);
+            self.solve_transposed(contacts, record, &taken, &solve.held, &ws.w, &mut ws.factor, &mut ws.rhs);
+            spread(&solve.held, &ws.rhs, &mut ws.lambda);
+        } else {
+            let m = gather(&solve.held, &ws.w, &mut ws.rhs);
+            cholesky_solve(&solve.factor, m, &mut ws.rhs[..m]);
+            spread(&solve.held, &ws.rhs, &mut ws.lambda);
+        }
         if touching {
             self.reverse_contacts(ws, &solve.w, &state.v);
         }
-        self.reverse_effects(ws, record, solve, dt, bar, input);
+        self.reverse_effects(ws, record, solve, dt, bar);
         // The rigid part: sigma . ID(q, v, a) with sigma = -h lambda.
         let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
         if midpoint {
@@ -389,7 +471,7 @@ impl System {
             if touching {
                 bar.v[k] += ws.adjoint.channels[OLD].by_rates[k];
             }
-            input.tau_bar[k] += dt * ws.lambda[k];
+            ws.tau_bar[k] += dt * ws.lambda[k];
             if midpoint {
                 bar.v[k] += 0.5 * ws.adjoint.v[k];
                 ws.first[k] += 0.5 * ws.adjoint.v[k];
@@ -409,88 +491,20 @@ impl System {
     }
 
     /// What the effects of a solve make of `lambda`: cotangents of state, input, load and their parameters.
-    fn reverse_effects(
-        &self,
-        ws: &mut ReverseWorkspace,
-        record: &Record,
-        solve: &Solve,
-        dt: f64,
-        bar: &mut StateCotangent,
-        input: &mut InputCotangent<'_>,
-    ) {
-        for placed in self.placements() {
-            let seed = -dt * ws.lambda[placed.v];
-            if seed == 0.0 {
-                continue;
-            }
-            let term = self.term(placed, record, solve.w[placed.v], input.tau, dt);
-            if placed.q.is_some() {
-                bar.q[placed.v] += seed * term.d_q;
-            }
-            bar.v[placed.v] += seed * term.d_v;
-            for (to, d) in ws.theta[placed.theta.clone()].iter_mut().zip(term.d_theta) {
-                *to += seed * d;
-            }
-        }
-    }
-
-    /// An effect's force in a step, `dtau + K h w + D (w - v)` with dry friction and stops at `w`, by its partials.
-    fn term(&self, placed: &Placement, record: &Record, w: f64, tau: &[f64], dt: f64) -> Partial {
-        let state = &record.state;
-        let at = |along: f64, dq: f64, dv: f64| {
-            let mut resistance = Resistance::default();
-            let instant = Instant {
-                q: placed.q.map_or(0.0, |q| state.q[q]) + along * dq,
-                v: state.v[placed.v] + along * dv,
-                input: tau.get(placed.v).copied().unwrap_or(0.0),
-                load: record.load[placed.v],
-                time: state.time,
-                z: &state.z[placed.z.clone()],
-            };
-            placed.effect.resist(&self.parameters()[placed.theta.clone()], &instant, &mut resistance);
-            resistance
+    fn reverse_effects(&self, ws: &mut ReverseWorkspace, record: &Record, solve: &Solve, dt: f64, bar: &mut StateCotangent) {
+        let taken = record.taken(&solve.w, dt);
+        // How the forces answer to `w` is in `H`.
+        ws.spare.fill(0.0);
+        let mut into = Cotangents {
+            q: &mut bar.q,
+            v: &mut bar.v,
+            next: &mut ws.spare,
+            z: &mut bar.z,
+            tau: &mut ws.tau_bar,
+            load: &mut ws.load_bar,
+            theta: &mut ws.theta,
         };
-        let here = at(0.0, 0.0, 0.0);
-        let mut sum = here.smooth;
-        let v = state.v[placed.v];
-        let (dq, dv) = (if sum.d_q > 0.0 { dt * w } else { 0.0 }, if sum.d_v > 0.0 { w - v } else { 0.0 });
-        // K h w + D (w - v) is the derivative of the force along (h w, w - v); its gradient is the gradient's, second
-        // derivatives being symmetric.
-        let size = dq.abs().max(dv.abs());
-        if size > 0.0 {
-            let reach = (1e-5 / size).max(1e-3);
-            let (ahead, behind) = (at(reach, dq, dv).smooth, at(-reach, dq, dv).smooth);
-            let slope = |a: f64, b: f64| (a - b) / (2.0 * reach);
-            sum.d_q += slope(ahead.d_q, behind.d_q);
-            sum.d_v += slope(ahead.d_v, behind.d_v);
-            for k in 0..MAX_PARAMETERS {
-                sum.d_theta[k] += slope(ahead.d_theta[k], behind.d_theta[k]);
-            }
-        }
-        sum.d_v -= here.smooth.d_v.max(0.0);
-        let sign = if w == 0.0 { 0.0 } else { w.signum() };
-        let mut add = |part: &Partial, factor: f64| {
-            sum.d_q += factor * part.d_q;
-            sum.d_v += factor * part.d_v;
-            for k in 0..MAX_PARAMETERS {
-                sum.d_theta[k] += factor * part.d_theta[k];
-            }
-        };
-        add(&here.dry, sign);
-        if let Some(stop) = here.stop {
-            let rate = stop.side * w;
-            if stop.stiffness * stop.depth + (stop.damping + dt * stop.stiffness) * rate > 0.0 {
-                // side (stiffness (depth + h rate) + dissipation depth+ rate), with the parameters of a hard stop.
-                let dissipation = self.parameters()[placed.theta.start + 1];
-                let inside = if stop.depth > 0.0 { dissipation * rate } else { 0.0 };
-                let slope = stop.stiffness + inside;
-                sum.d_q += slope;
-                sum.d_theta[0] += stop.side * (stop.depth + dt * rate);
-                sum.d_theta[1] += stop.side * stop.depth.max(0.0) * rate;
-                sum.d_theta[2] -= slope;
-            }
-        }
-        sum
+        self.resist_back(&taken, &ws.lambda, &mut into);
     }
 
     /// Over how many steps a limit takes its coordinate to itself.
@@ -501,23 +515,50 @@ impl System {
     }
 }
 
-/// Solves `H lambda = w'` on the free coordinates.
-fn free_part(factor: &[f64], held: &[Held], w: &[f64], rhs: &mut [f64], lambda: &mut [f64]) {
+/// The free entries of `w`, and how many there are.
+fn gather(held: &[Held], w: &[f64], out: &mut [f64]) -> usize {
     let mut m = 0;
-    for (w, held) in w.iter().zip(held) {
+    for (w, _) in w.iter().zip(held).filter(|(_, h)| **h == Held::Free) {
+        out[m] = *w;
+        m += 1;
+    }
+    m
+}
+
+/// The inverse of [`gather`]; zero where a coordinate is held.
+fn spread(held: &[Held], x: &[f64], out: &mut [f64]) {
+    let mut m = 0;
+    for (out, held) in out.iter_mut().zip(held) {
+        *out = 0.0;
         if *held == Held::Free {
-            rhs[m] = *w;
+            *out = x[m];
             m += 1;
         }
     }
-    cholesky_solve(factor, m, &mut rhs[..m]);
-    m = 0;
-    for (lambda, held) in lambda.iter_mut().zip(held) {
-        *lambda = 0.0;
-        if *held == Held::Free {
-            *lambda = rhs[m];
-            m += 1;
+}
+
+/// Solves `A x = b` in place by Gaussian elimination with pivots. A zero pivot gives numbers that are not finite, which the rollout
+/// reports.
+fn eliminate(A: &mut [f64], n: usize, b: &mut [f64]) {
+    for k in 0..n {
+        let pivot = (k..n).max_by(|i, j| A[i * n + k].abs().total_cmp(&A[j * n + k].abs())).unwrap_or(k);
+        if pivot != k {
+            for j in 0..n {
+                A.swap(k * n + j, pivot * n + j);
+            }
+            b.swap(k, pivot);
         }
+        for i in k + 1..n {
+            let factor = A[i * n + k] / A[k * n + k];
+            for j in k..n {
+                A[i * n + j] -= factor * A[k * n + j];
+            }
+            b[i] -= factor * b[k];
+        }
+    }
+    for k in (0..n).rev() {
+        let sum: f64 = (k + 1..n).map(|j| A[k * n + j] * b[j]).sum();
+        b[k] = (b[k] - sum) / A[k * n + k];
     }
 }
 
@@ -527,50 +568,50 @@ const OLD: usize = 1;
 const MULTIPLIER: usize = 2;
 
 impl System {
-    /// The factor of `H` at a solution with contacts, on the free coordinates.
+    /// Solves `H x = w'` on the free coordinates, with `H` as it is at the solution; `x` comes out in `rhs`.
     #[allow(clippy::too_many_arguments)]
-    fn factor(
+    fn solve_transposed(
         &self,
-        contacts: &Contacts,
-        contact: &ContactWorkspace,
+        contacts: Option<(&Contacts, &ContactWorkspace)>,
         record: &Record,
-        solve: &Solve,
-        dt: f64,
-        tau: &[f64],
+        taken: &Taken<'_>,
+        held: &[Held],
+        w: &[f64],
         H: &mut [f64],
+        rhs: &mut [f64],
     ) {
-        let n = solve.w.len();
-        H.copy_from_slice(&record.A);
-        for (active, wrench) in contact.active.iter().zip(&contact.by_active) {
-            let group = &contacts.groups[active.group];
-            let J = &contact.J[group.start..group.start + group.columns.len()];
-            for (Jj, cj) in J.iter().zip(&group.columns) {
-                let column = wrench.by_V * Jj;
-                for (Ji, ci) in J.iter().zip(&group.columns) {
-                    H[ci.v * n + cj.v] -= Ji.dot(&column);
-                }
-            }
-        }
+        let n = w.len();
+        H[..n * n].copy_from_slice(&record.M);
         for placed in self.placements() {
-            let resistance = self.resistance(placed, &record.state, tau, &record.load);
-            if let Some(stop) = resistance.stop {
-                let slope = stop.damping + dt * stop.stiffness;
-                if stop.stiffness * stop.depth + slope * stop.side * solve.w[placed.v] > 0.0 {
-                    H[placed.v * n + placed.v] += dt * slope;
+            H[placed.v * n + placed.v] += taken.dt * self.resistance(placed, taken).total(taken.next[placed.v]).d_next;
+        }
+        if let Some((contacts, contact)) = contacts {
+            for (active, wrench) in contact.active.iter().zip(&contact.by_active) {
+                let group = &contacts.groups[active.group];
+                let J = &contact.J[group.start..group.start + group.columns.len()];
+                for (Jj, cj) in J.iter().zip(&group.columns) {
+                    let column = wrench.by_V * Jj;
+                    for (Ji, ci) in J.iter().zip(&group.columns) {
+                        H[ci.v * n + cj.v] -= Ji.dot(&column);
+                    }
                 }
             }
         }
-        let mut m = 0;
-        for i in (0..n).filter(|i| solve.held[*i] == Held::Free) {
-            for j in (0..n).filter(|j| solve.held[*j] == Held::Free) {
-                H[m] = H[i * n + j];
-                m += 1;
+        let mut at = 0;
+        for i in (0..n).filter(|i| held[*i] == Held::Free) {
+            for j in (0..n).filter(|j| held[*j] == Held::Free) {
+                H[at] = H[i * n + j];
+                at += 1;
             }
         }
-        let free = solve.held.iter().filter(|h| **h == Held::Free).count();
-        // Positive definite as the base problem's is, to which contacts only add; if rounding says otherwise the step's own serves.
-        if cholesky(&mut H[..free * free], free).is_err() {
-            H[..free * free].copy_from_slice(&solve.factor[..free * free]);
+        let m = gather(held, w, rhs);
+        // Forces that fall with the velocity can make it indefinite; then it is eliminated with pivots, from its copy behind.
+        H.copy_within(..m * m, n * n);
+        let (factor, whole) = H.split_at_mut(n * n);
+        if cholesky(&mut factor[..m * m], m).is_ok() {
+            cholesky_solve(factor, m, &mut rhs[..m]);
+        } else {
+            eliminate(&mut whole[..m * m], m, &mut rhs[..m]);
         }
     }
 

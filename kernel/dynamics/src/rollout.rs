@@ -213,7 +213,7 @@ impl Rollout {
     /// the cotangent that it is given (zeros). The gradient is then in [`Self::gradient`].
     ///
     /// # Errors
-    /// There was no forward pass; inputs of another length; a cotangent or gradient that is not finite; as [`Self::forward`].
+    /// A base that gives way (`unmodelled_mode`), which has no gradient through time; there was no forward pass; inputs of another length; a cotangent or gradient that is not finite; as [`Self::forward`].
     pub fn backward(
         &mut self,
         system: &System,
@@ -228,6 +228,7 @@ impl Rollout {
                 must: "at least 1, and without an error".into(),
             });
         }
+        system.check_reversible()?;
         let (n, dt, links) = (system.multibody().nv(), self.options.dt, self.options.links);
         self.reverse.clear();
         self.gradient.tau.fill(0.0);
@@ -245,7 +246,6 @@ impl Rollout {
                 let (step, record) = (first + k, &self.records[k]);
                 gather(&mut self.external, inputs, step, links);
                 let mut input = InputCotangent {
-                    tau: tau_of(inputs, &self.spare_tau, step, n),
                     external: &self.external,
                     tau_bar: &mut self.gradient.tau[step * n..(step + 1) * n],
                     external_bar: &mut self.gradient.wrenches[step * links..(step + 1) * links],
@@ -267,6 +267,9 @@ impl Rollout {
         }
         system.multibody().rigid_gradient(&self.reverse.adjoint, &mut self.gradient.natural.rigid)?;
         self.gradient.natural.theta.copy_from_slice(&self.reverse.theta);
+        if self.options.wanted.rigid {
+            system.reshapes_back(&mut self.gradient.natural);
+        }
         self.gradient.natural.weights.copy_from_slice(&self.reverse.weights);
         self.gradient.natural.material.copy_from_slice(&self.reverse.material);
         self.gradient.natural.shape.copy_from_slice(&self.reverse.shape);

@@ -4,9 +4,11 @@
 //!
 //! `M (w - v) = h (tau - c - g + J^T F_ext - dtau(q + h w, w)) + impulses of dry friction, stops and limits`.
 //!
-//! Smooth effects are linearised: `dtau(q + h w, w) = dtau + h K w + D (w - v)`, with stiffness `K` and damping `D` taken in where
-//! they are positive, so that stiff springs and strong dampers are stable at any step. Dry friction, stops and limits are
-//! exact, by the convex problem of [`crate::complementarity`] with `A = M + h D + h^2 K`.
+//! Smooth effects are linearised about a `w`, where their slope is positive, so that stiff springs and strong dampers are stable
+//! at any step. Dry friction, stops and limits are exact, by the convex problem of [`crate::complementarity`] with
+//! `A = M + h D + h^2 K`. Where an effect is no linear function of `w`, the problem is written about its own solution again
+//! until that stays: Newton's method where forces grow with `w`, and a fixed point where they fall. The step's derivatives are
+//! then those of its effects at the solution.
 //!
 //! Coriolis forces are quadratic in the velocity. Taken at `v` they feed energy into fast turning, at a rate that grows with
 //! `h |v|^2`; taken at `(v + w) / 2` the leading error of the energy is a total derivative in time, so it stays bounded.
@@ -14,7 +16,9 @@
 
 use crate::complementarity::{Held, Hinge, Problem};
 use crate::contact::solver::ContactWorkspace;
+use crate::effects::Transfer;
 use crate::error::check;
+use crate::placed::{BaseMotion, Taken};
 use crate::residual::ResidualWorkspace;
 use crate::reverse::Solve;
 use crate::{ContactPoint, DynamicsError, Input, State, System, Workspace};
@@ -32,6 +36,9 @@ pub enum Coriolis {
 /// A joint beyond its limit is brought back over this many steps, and not with one blow.
 pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 
+/// A step is solved again at most this often for forces that are no linear function of the next velocity.
+const REFINEMENTS: usize = 30;
+
 /// Everything that changes while one system is stepped. Made once by [`System::workspace`].
 #[derive(Debug, Clone)]
 pub struct StepWorkspace {
@@ -39,9 +46,16 @@ pub struct StepWorkspace {
     pub(crate) problem: Problem,
     pub(crate) load: Vec<f64>,
     midpoint_load: Vec<f64>,
-    tau: Vec<f64>,
+    /// Impulses of the Coriolis forces beyond those at the start.
+    more: Vec<f64>,
+    /// The next velocities about which the problem is written.
+    next: Vec<f64>,
+    pub(crate) tau: Vec<f64>,
+    pub(crate) seen: Vec<f64>,
+    pub(crate) transfer: Transfer,
+    pub(crate) bases: Vec<BaseMotion>,
     q: Vec<f64>,
-    z: Vec<f64>,
+    pub(crate) z: Vec<f64>,
     /// The first of two solves, for the reverse pass.
     pub(crate) first: Solve,
     pub(crate) residual: Option<ResidualWorkspace>,
@@ -57,7 +71,12 @@ impl StepWorkspace {
             problem: Problem::new(n, system.stops),
             load: vec![0.0; n],
             midpoint_load: vec![0.0; n],
+            more: vec![0.0; n],
+            next: vec![0.0; n],
             tau: vec![0.0; n],
+            seen: vec![0.0; system.placements().len()],
+            transfer: Transfer::default(),
+            bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
             q: vec![0.0; multibody.nq()],
             z: system.state().z,
             first: Solve::new(if system.solves_twice() { n } else { 0 }),
@@ -80,6 +99,21 @@ impl StepWorkspace {
     /// Rounds of Newton's method that the contacts of the last step took; 0 without contact.
     pub fn rounds(&self) -> usize {
         self.contact.as_ref().map_or(0, |c| c.rounds)
+    }
+
+    /// The inputs that reached the joints in the last step.
+    pub fn reached(&self) -> &[f64] {
+        &self.tau
+    }
+
+    /// What came into each change of the command in the last step, by placement.
+    pub fn seen(&self) -> &[f64] {
+        &self.seen
+    }
+
+    /// Force of gravity, Coriolis and external forces at the start of the last step.
+    pub fn load(&self) -> &[f64] {
+        &self.load
     }
 
     /// What held each degree of freedom in the last step.
@@ -106,6 +140,7 @@ impl System {
             || ws.z.len() != state.z.len()
             || ws.problem.stops() != self.stops
             || ws.residual.is_some() != self.residual.is_some()
+            || ws.seen.len() != self.placements().len()
             || (self.solves_twice() && ws.first.w.len() != n)
         {
             return Err(DynamicsError::ForeignWorkspace);
@@ -124,29 +159,26 @@ impl System {
             *load = -*load;
         }
         multibody.composite(&mut ws.rigid);
+        self.drive(ws, state, dt);
+        self.gather_bases(ws);
+        ws.more.fill(0.0);
+        ws.next.copy_from_slice(&state.v);
         self.assemble(ws, state, dt);
         ws.problem.v.copy_from_slice(&state.v);
         check("the forces of the step", &ws.problem.b, n)?;
         self.solve(ws, dt, false)?;
+        self.refine(ws, state, dt)?;
         if self.solves_twice() {
             self.correct(ws, state, dt)?;
+            self.refine(ws, state, dt)?;
         }
         check("the next velocities", &ws.problem.v, n)?;
         ws.q.copy_from_slice(ws.rigid.q());
         multibody.integrate(&mut ws.q, &ws.problem.v, dt)?;
         check("the next positions", &ws.q, multibody.nq())?;
-        ws.z.copy_from_slice(&state.z);
-        for placed in self.placements() {
-            let at = crate::effects::Instant {
-                q: placed.q.map_or(0.0, |q| ws.q[q]),
-                v: ws.problem.v[placed.v],
-                input: ws.tau[placed.v],
-                load: ws.load[placed.v],
-                time: state.time + dt,
-                z: &state.z[placed.z.clone()],
-            };
-            placed.effect.advance(&self.parameters()[placed.theta.clone()], &at, dt, &mut ws.z[placed.z.clone()]);
-        }
+        let taken = Taken { state, next: &ws.problem.v, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+        self.advance(&taken, &mut ws.z);
+        self.advance_bases(ws, state, dt);
         check("the next inner states", &ws.z, ws.z.len())?;
         state.q.copy_from_slice(&ws.q);
         state.v.copy_from_slice(&ws.problem.v);
@@ -168,6 +200,7 @@ impl System {
             self.multibody().newton_euler(&mut ws.rigid, None, true, &mut ws.midpoint_load);
             for (k, mid) in ws.midpoint_load.iter().enumerate() {
                 let more = dt * (-mid - ws.load[k]);
+                ws.more[k] += more;
                 ws.problem.b[k] += more;
                 change = change.max(more.abs());
                 size = size.max(ws.problem.b[k].abs());
@@ -175,8 +208,9 @@ impl System {
         }
         if let (Some(placed), Some(residual)) = (&self.residual, &mut ws.residual) {
             placed.force(residual, &state.q, &state.v, &ws.tau, &ws.first.w, dt);
-            for (b, f) in ws.problem.b.iter_mut().zip(&residual.force) {
+            for ((b, more), f) in ws.problem.b.iter_mut().zip(&mut ws.more).zip(&residual.force) {
                 *b += dt * f;
+                *more += dt * f;
                 change = change.max((dt * f).abs());
                 size = size.max(b.abs());
             }
@@ -203,15 +237,34 @@ impl System {
         }
     }
 
-    /// Writes the convex problem of the step.
+    /// Solves the step again about its own solution, until that stays. Where it does not, forces have a jump that the step stands
+    /// on; the last solution is as good as any then.
+    fn refine(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
+        if !self.nonlinear {
+            return Ok(());
+        }
+        for _ in 0..REFINEMENTS {
+            let moved = |(w, old): (&f64, &f64)| (w - old).abs() > 1e-12 * (1.0 + w.abs());
+            if !ws.problem.v.iter().zip(&ws.next).any(moved) {
+                break;
+            }
+            ws.next.copy_from_slice(&ws.problem.v);
+            self.assemble(ws, state, dt);
+            check("the forces of the step", &ws.problem.b, ws.problem.n)?;
+            self.solve(ws, dt, true)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the convex problem of the step about the next velocities `ws.next`.
     fn assemble(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
         let n = self.multibody().nv();
         let problem = &mut ws.problem;
         problem.A.copy_from_slice(ws.rigid.M.as_slice());
         for k in 0..n {
             let momentum: f64 = (0..n).map(|j| problem.A[k * n + j] * state.v[j]).sum();
-            problem.b[k] = momentum + dt * (ws.tau[k] + ws.load[k]);
-            problem.dry[k] = 0.0;
+            problem.b[k] = momentum + dt * (ws.tau[k] + ws.load[k]) + ws.more[k];
+            problem.dry[k] = [0.0; 2];
             problem.walls[k] = [f64::NEG_INFINITY, f64::INFINITY];
         }
         for joint in self.multibody().joints() {
@@ -223,21 +276,20 @@ impl System {
             }
         }
         problem.hinges.clear();
+        let taken = Taken { state, next: &ws.next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
         for placed in self.placements() {
-            let resistance = self.resistance(placed, state, &ws.tau, &ws.load);
-            let (k, smooth) = (placed.v, &resistance.smooth);
-            let (stiffness, damping) = (smooth.d_q.max(0.0), smooth.d_v.max(0.0));
-            problem.A[k * n + k] += dt * (damping + dt * stiffness);
-            problem.b[k] += dt * (damping * state.v[k] - smooth.value);
-            problem.dry[k] += dt * resistance.dry.value.max(0.0);
-            if let Some(stop) = resistance.stop {
-                problem.hinges.push(Hinge {
-                    k,
-                    side: stop.side,
-                    offset: dt * stop.stiffness * stop.depth,
-                    slope: dt * (stop.damping + dt * stop.stiffness),
-                });
+            let force = self.force(placed, &taken);
+            let (k, [value, slope]) = (placed.v, force.smooth);
+            let slope = slope.max(0.0);
+            problem.A[k * n + k] += dt * slope;
+            problem.b[k] += dt * (slope * ws.next[k] - value);
+            for (dry, bound) in problem.dry[k].iter_mut().zip(force.dry) {
+                *dry += dt * bound.max(0.0);
+            }
+            for [side, offset, slope] in force.stops.into_iter().flatten() {
+                problem.hinges.push(Hinge { k, side, offset: dt * offset, slope: dt * slope });
             }
         }
+        self.add_bases(ws, state, dt);
     }
 }

@@ -2,12 +2,13 @@
 
 use std::ops::Range;
 
-use sagci_model::EffectEntry;
+use sagci_model::{EffectEntry, JointKind};
 
 use crate::contact::Contacts;
-use crate::effects::{self, Effect, Instant, Resistance};
+use crate::effects::{self, Acts, Effect, HISTORY, Instant, Resistance};
 use crate::error::check;
 use crate::multibody::length;
+use crate::placed::{MultibodyMut, ParametersMut, SwayPlace, Taken};
 use crate::residual::{Placed, Residual};
 use crate::{Coriolis, DynamicsError, ExternalWrench, JointInfo, Multibody, Part, StepWorkspace};
 
@@ -17,11 +18,20 @@ use crate::{Coriolis, DynamicsError, ExternalWrench, JointInfo, Multibody, Part,
 /// `model.yaml` come on top of them. A URDF limit stops the joint dead, unless a `hard_stop` on that side takes its place.
 #[derive(Debug, Clone)]
 pub struct System {
-    multibody: Multibody,
+    pub(crate) multibody: Multibody,
+    /// The rigid bodies without the effects that change them, where there are such.
+    pub(crate) given: Option<Box<Multibody>>,
     placements: Vec<Placement>,
     /// Parameters of all effects, one after the other.
-    theta: Vec<f64>,
+    pub(crate) theta: Vec<f64>,
     states: usize,
+    /// Placements on the command and on the measurement, in the order of their stages; those that scale losses.
+    pub(crate) commands: Vec<usize>,
+    pub(crate) measurements: Vec<usize>,
+    pub(crate) wears: Vec<usize>,
+    pub(crate) sways: Vec<SwayPlace>,
+    /// Is the force of some effect no linear function of the next velocity?
+    pub(crate) nonlinear: bool,
     /// Positions between which each degree of freedom is kept by the URDF's limits; infinite where it is not.
     pub(crate) walls: Vec<[f64; 2]>,
     pub(crate) stops: usize,
@@ -80,9 +90,15 @@ impl System {
     pub fn new(parts: &[Part<'_>]) -> Result<Self, DynamicsError> {
         let multibody = Multibody::new(parts)?;
         let mut system = Self {
+            given: None,
             placements: Vec::new(),
             theta: Vec::new(),
             states: 0,
+            commands: Vec::new(),
+            measurements: Vec::new(),
+            wears: Vec::new(),
+            sways: Vec::new(),
+            nonlinear: false,
             walls: Vec::new(),
             stops: 0,
             coriolis: Coriolis::default(),
@@ -103,6 +119,7 @@ impl System {
                         effect: name.into(),
                         joint: Some(joint.name.clone()),
                         parameters: [(parameter.into(), value)].into(),
+                        ..EffectEntry::default()
                     };
                     for v in joint.v.clone() {
                         system.place(&entry, &joint, v)?;
@@ -119,13 +136,31 @@ impl System {
         Ok(system)
     }
 
-    /// Adds an effect to a joint of a part.
+    /// Adds an effect to a joint of a part, or to the part's base where it acts on that. Workspaces made before do not fit
+    /// afterwards.
     ///
     /// # Errors
     /// An effect, parameter or joint that does not exist; a parameter out of its bounds; a joint that has several degrees of
-    /// freedom or follows another one.
+    /// freedom or follows another one; a base that is not fixed to the world.
     pub fn add_effect(&mut self, part: &str, entry: &EffectEntry) -> Result<(), DynamicsError> {
         let fault = |message: &str| DynamicsError::Build { part: part.into(), place: entry.effect.clone(), message: message.into() };
+        if effects::find(&entry.effect).is_ok_and(|e| e.description().acts == Acts::Base) {
+            if entry.joint.is_some() {
+                return Err(fault("acts on the base of the part; leave `joint` out"));
+            }
+            let first = self.multibody.joints().iter().find(|j| j.part == part);
+            let first = first.cloned().ok_or_else(|| fault("acts on the base of a part that has joints"))?;
+            if first.kind == JointKind::Floating && first.name == part {
+                return Err(fault("acts on a base that is fixed to the world; this one is free"));
+            }
+            let bodies = self.carried_by_base(part);
+            self.place(entry, &first, first.v.start)?;
+            if let Some(placed) = self.placements.last_mut() {
+                (placed.joint, placed.q) = (String::new(), None);
+            }
+            self.sways.push(SwayPlace { placement: self.placements.len() - 1, bodies });
+            return Ok(());
+        }
         let name = entry.joint.as_deref().ok_or_else(|| fault("acts on no joint; name one under `joint`"))?;
         let joint = self.multibody.joint(&format!("{part}/{name}"))?.clone();
         if joint.v.len() != 1 {
@@ -134,15 +169,25 @@ impl System {
         self.place(entry, &joint, joint.v.start)
     }
 
+    /// The bodies that a part's base carries: its own, and all behind them.
+    fn carried_by_base(&self, part: &str) -> Vec<bool> {
+        let bodies = &self.multibody.bodies;
+        let mut carried = vec![false; bodies.len()];
+        for (i, body) in bodies.iter().enumerate().skip(1) {
+            carried[i] = carried[body.parent] || self.multibody.joints()[body.joint].part == part;
+        }
+        carried
+    }
+
     fn place(&mut self, entry: &EffectEntry, joint: &JointInfo, v: usize) -> Result<(), DynamicsError> {
         let (effect, theta) = effects::parameters_of(entry).map_err(|e| DynamicsError::Build {
             part: joint.part.clone(),
             place: joint.name.clone(),
             message: e.to_string(),
         })?;
-        let (start, first) = (self.theta.len(), self.states);
+        let (start, first, index) = (self.theta.len(), self.states, self.placements.len());
         self.theta.extend(theta);
-        self.states += effect.states();
+        self.states += effect.states() + if effect.keeps_history() { 2 * HISTORY } else { 0 };
         self.placements.push(Placement {
             effect,
             part: joint.part.clone(),
@@ -152,6 +197,34 @@ impl System {
             theta: start..self.theta.len(),
             z: first..self.states,
         });
+        let stage = |i: &usize| match self.placements[*i].effect.description().acts {
+            Acts::Command(stage) | Acts::Measurement(stage) => stage,
+            _ => 0,
+        };
+        let description = effect.description();
+        match description.acts {
+            Acts::Command(_) => {
+                self.commands.push(index);
+                self.commands.sort_by_key(stage);
+            }
+            Acts::Losses => self.wears.push(index),
+            Acts::Bodies => {
+                if self.given.is_none() {
+                    self.given = Some(Box::new(self.multibody.clone()));
+                }
+                self.apply_reshapes();
+            }
+            _ => {}
+        }
+        // Motor and link can be measured apart.
+        if matches!(description.acts, Acts::Measurement(_)) || description.parameter("encoder").is_some() {
+            self.measurements.push(index);
+            self.measurements.sort_by_key(|i| match self.placements[*i].effect.description().acts {
+                Acts::Measurement(stage) => stage,
+                _ => 0,
+            });
+        }
+        self.nonlinear |= !description.linear;
         self.rebuild_walls();
         Ok(())
     }
@@ -167,27 +240,28 @@ impl System {
         self.stops = 0;
         for placed in &self.placements {
             let mut resistance = Resistance::default();
-            let at = Instant { q: 0.0, v: 0.0, input: 0.0, load: 0.0, time: 0.0, z: &vec![0.0; placed.z.len()] };
+            let z = vec![0.0; placed.z.len()];
+            let at = Instant { dt: 1.0, ..Instant::at(0.0, 0.0, 0.0, 0.0, 0.0, &z) };
             placed.effect.resist(&self.theta[placed.theta.clone()], &at, &mut resistance);
-            if let Some(stop) = resistance.stop {
+            for stop in resistance.stops.iter().flatten() {
                 self.stops += 1;
-                if stop.side > 0.0 {
+                if stop.limit && stop.side > 0.0 {
                     self.walls[placed.v][1] = f64::INFINITY;
-                } else {
+                } else if stop.limit {
                     self.walls[placed.v][0] = f64::NEG_INFINITY;
                 }
             }
         }
     }
 
-    /// The rigid bodies.
+    /// The rigid bodies, with what effects change of them.
     pub fn multibody(&self) -> &Multibody {
         &self.multibody
     }
 
-    /// The rigid bodies, to set gravity, inertias and armatures.
-    pub fn multibody_mut(&mut self) -> &mut Multibody {
-        &mut self.multibody
+    /// The rigid bodies as they are given, to set gravity, inertias and armatures; effects that change them come on top.
+    pub fn multibody_mut(&mut self) -> MultibodyMut<'_> {
+        MultibodyMut(self)
     }
 
     /// At which velocity steps take Coriolis forces.
@@ -225,8 +299,25 @@ impl System {
     }
 
     /// The same, to be changed. Values out of their bounds are the caller's fault and give wrong motion, not a crash.
-    pub fn parameters_mut(&mut self) -> &mut [f64] {
-        &mut self.theta
+    /// [`Self::set_effect_parameters`] checks them.
+    pub fn parameters_mut(&mut self) -> ParametersMut<'_> {
+        ParametersMut(self)
+    }
+
+    /// Sets the parameters of all effects. On an error nothing is changed.
+    ///
+    /// # Errors
+    /// The wrong number of values; a value that is not finite or out of its bounds, by the names of effect and parameter.
+    pub fn set_effect_parameters(&mut self, values: &[f64]) -> Result<(), DynamicsError> {
+        length("parameters of effects", values.len(), self.theta.len())?;
+        for placed in &self.placements {
+            let description = placed.effect.description();
+            for (parameter, value) in description.parameters.iter().zip(&values[placed.theta.clone()]) {
+                effects::check_parameter(description, parameter, *value)?;
+            }
+        }
+        self.parameters_mut().copy_from_slice(values);
+        Ok(())
     }
 
     /// The neutral state at rest.
@@ -258,10 +349,15 @@ impl System {
         length("load", ws.load.len(), self.multibody.nv()).map_err(|_| DynamicsError::ForeignWorkspace)?;
         self.multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
         self.multibody.inverse_dynamics(&mut ws.rigid, a, external, tau)?;
-        ws.load.fill(0.0);
+        // What passes through the joint is what the bodies need; what comes from gravity and Coriolis forces is its load.
+        ws.tau.copy_from_slice(tau);
+        self.multibody.newton_euler(&mut ws.rigid, None, true, &mut ws.load);
+        ws.load.iter_mut().for_each(|load| *load = -*load);
+        let taken = Taken { state, next: &state.v, tau: &ws.tau, seen: &[], load: &ws.load, dt: 0.0 };
         for placed in &self.placements {
-            let resistance = self.resistance(placed, state, &[], &ws.load);
-            tau[placed.v] += resistance.total(state.v[placed.v]).value;
+            if !placed.effect.description().takes_input() {
+                tau[placed.v] += self.resistance(placed, &taken).total(state.v[placed.v]).value;
+            }
         }
         Ok(())
     }
@@ -270,20 +366,5 @@ impl System {
         length("q", state.q.len(), self.multibody.nq())?;
         length("v", state.v.len(), self.multibody.nv())?;
         check("z", &state.z, self.states)
-    }
-
-    /// What one effect adds in a state.
-    pub(crate) fn resistance(&self, placed: &Placement, state: &State, tau: &[f64], load: &[f64]) -> Resistance {
-        let mut resistance = Resistance::default();
-        let at = Instant {
-            q: placed.q.map_or(0.0, |q| state.q[q]),
-            v: state.v[placed.v],
-            input: tau.get(placed.v).copied().unwrap_or(0.0),
-            load: load[placed.v],
-            time: state.time,
-            z: &state.z[placed.z.clone()],
-        };
-        placed.effect.resist(&self.theta[placed.theta.clone()], &at, &mut resistance);
-        resistance
     }
 }

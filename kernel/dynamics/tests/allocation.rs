@@ -8,9 +8,10 @@ use std::cell::Cell;
 
 use common::{menagerie, panda, welded};
 use nalgebra::{Matrix6xX, Point3};
+use sagci_dynamics::effects::{Acts, Parameter, Prior, catalogue};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutOptions};
-use sagci_dynamics::{Input, Part, System};
+use sagci_dynamics::{ContactOptions, Input, Part, System};
 use sagci_model::EffectEntry;
 
 struct Counting;
@@ -51,7 +52,23 @@ fn stepping_and_every_algorithm_allocate_nothing() {
         effect: "hard_stop".into(),
         joint: Some("panda_joint2".into()),
         parameters: [("stiffness", 1e4), ("dissipation", 1e3), ("position", 0.5), ("side", 1.0)].map(|(n, v)| (n.into(), v)).into(),
+        ..EffectEntry::default()
     });
+    // Every effect of the catalogue, with middling parameters.
+    for effect in catalogue() {
+        let d = effect.description();
+        let middling = |p: &Parameter| match p.prior[0] {
+            Prior::LogNormal { median, .. } => median,
+            Prior::Normal { mean, .. } => mean,
+            Prior::OneOf(choices) => choices[0],
+        };
+        arm.document.effects.push(EffectEntry {
+            effect: d.name.into(),
+            joint: (d.acts != Acts::Base).then(|| "panda_joint4".into()),
+            parameters: d.parameters.iter().filter(|p| p.words.is_empty()).map(|p| (p.name.into(), middling(p))).collect(),
+            ..EffectEntry::default()
+        });
+    }
     let system = System::new(&[welded(&arm), Part::floating(&zoo)]).unwrap();
     let multibody = system.multibody();
     let (mut ws, mut rigid, mut state) = (system.workspace(), multibody.workspace(), system.state());
@@ -62,6 +79,7 @@ fn stepping_and_every_algorithm_allocate_nothing() {
     for _ in 0..300 {
         system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 1e-3).unwrap();
         system.inverse_dynamics(&mut ws, &state, &tau, &[], &mut x).unwrap();
+        let _ = system.measure(&state, 1.0, 3);
         multibody.set_state(&mut rigid, &state.q, &state.v).unwrap();
         multibody.forward_dynamics(&mut rigid, &tau, &[], &mut x).unwrap();
         multibody.bias_efforts(&mut rigid, &mut x).unwrap();
@@ -73,4 +91,51 @@ fn stepping_and_every_algorithm_allocate_nothing() {
         multibody.set_positions(&mut rigid, &state.q).unwrap();
     }
     assert_eq!(COUNT.with(Cell::get) - before, 0);
+}
+
+/// Two fingers that squeeze a block: a gripping scene small enough for ten thousand steps in a test.
+fn grip() -> (System, sagci_dynamics::State, [f64; 8]) {
+    let finger = |name: &str, y: f64, axis: [f64; 3]| {
+        format!(
+            "<link name='{name}'><inertial><mass value='0.1'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='1e-4' iyz='0' izz='1e-4'/></inertial>\
+             <collision><geometry><box size='0.02 0.02 0.04'/></geometry></collision></link>"
+        ) + &common::joint(&format!("slide_{name}"), "prismatic", "base", name, axis, [0.0, y, 0.5, 0.0, 0.0, 0.0], common::WIDE)
+    };
+    let hand = common::link("base", 1.0, [0.0; 3], [1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+        + &finger("left", 0.035, [0.0, -1.0, 0.0])
+        + &finger("right", -0.035, [0.0, 1.0, 0.0]);
+    let block = "<link name='block'><inertial><mass value='0.2'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='1e-4' iyz='0' izz='1e-4'/></inertial>\
+                 <collision><geometry><box size='0.05 0.05 0.05'/></geometry></collision></link>";
+    let (hand, block) = (common::model("hand", &hand), common::model("block", block));
+    let parts = [welded(&hand), Part::floating(&block)];
+    let system = System::new(&parts).unwrap().with_contacts(&parts, ContactOptions::default()).unwrap();
+    let mut state = system.state();
+    state.q[8] = 0.5;
+    (system, state, [10.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+}
+
+#[test]
+fn ten_thousand_gripping_steps_with_gradient_take_less_than_200_megabytes_and_allocate_nothing() {
+    let (mut system, start, tau) = grip();
+    let residual = Residual::new(system.multibody(), &["slide_left"], &["slide_left"], &[6], Activation::Tanh, 1).unwrap();
+    system.set_residual(Some(&residual)).unwrap();
+    let inputs = Inputs { tau: &tau, ..Inputs::default() };
+    // The block hangs in the grip by friction.
+    let fresh = BYTES.with(Cell::get);
+    MOST.with(|m| m.set(fresh));
+    let options = RolloutOptions::new(10_000, 1e-3);
+    let mut rollout = Rollout::new(&system, options).unwrap();
+    let mut run = || {
+        rollout.forward(&system, &start, &inputs, |_, _| {}).unwrap();
+        rollout.backward(&system, &inputs, |k, _, bar| bar.q[5] += f64::from(u8::from(k == 10_000))).unwrap();
+    };
+    run();
+    let most = MOST.with(Cell::get) - fresh;
+    println!("{} MB at most", most / 1_000_000);
+    assert!(most < 200_000_000, "{most} bytes");
+    let before = COUNT.with(Cell::get);
+    run();
+    assert_eq!(COUNT.with(Cell::get) - before, 0);
+    assert!((rollout.last().q[8] - 0.5).abs() < 0.01, "it must hang in the grip: {:?}", rollout.last());
+    assert!(rollout.gradient().natural.material.iter().flatten().all(|x| x.is_finite()));
 }

@@ -16,7 +16,7 @@ fn system(model: &ObjectModel) -> System {
 
 fn effect(name: &str, joint: &str, parameters: &[(&str, f64)]) -> EffectEntry {
     let parameters: BTreeMap<_, _> = parameters.iter().map(|(n, v)| ((*n).into(), *v)).collect();
-    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters }
+    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters, ..EffectEntry::default() }
 }
 
 /// Steps with constant efforts, and looks after each step.

@@ -103,7 +103,7 @@ fn jacobians_by_state_input_next_state_and_weights_are_those_of_central_differen
 
 fn effect(name: &str, joint: &str, parameters: &[(&str, f64)]) -> EffectEntry {
     let parameters: BTreeMap<_, _> = parameters.iter().map(|(n, v)| ((*n).into(), *v)).collect();
-    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters }
+    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters, ..EffectEntry::default() }
 }
 
 /// Motion of a system under slow random efforts, at steps of 5 ms.

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use common::{WIDE, brick, joint, link, menagerie, model, panda, random, random_state, random_vector, root, slide, welded};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use sagci_dynamics::effects::{Acts, Prior, catalogue};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutGradient, RolloutOptions, Smoothing, rollouts};
 use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, DynamicsError, Grasp, ParameterKind, Part, SpatialVector, State, StateCotangent, System};
@@ -31,7 +32,7 @@ const KINDS: [ParameterKind; 14] = [
 
 fn effect(name: &str, joint: &str, parameters: &[(&str, f64)]) -> EffectEntry {
     let parameters: BTreeMap<_, _> = parameters.iter().map(|(n, v)| ((*n).into(), *v)).collect();
-    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters }
+    EffectEntry { effect: name.into(), joint: Some(joint.into()), parameters, ..EffectEntry::default() }
 }
 
 fn microwave() -> ObjectModel {
@@ -618,4 +619,43 @@ fn gradients_through_a_grasp_are_those_of_central_differences() {
             assert!(switched * 5 <= all, "{switched} of {all}");
         }
     }
+}
+
+#[test]
+fn gradients_through_every_effect_are_those_of_central_differences() {
+    let mut compared = 0;
+    for described in catalogue() {
+        let description = described.description();
+        if matches!(description.acts, Acts::Base | Acts::Measurement(_)) {
+            continue;
+        }
+        let parameters: Vec<(&str, f64)> = description
+            .parameters
+            .iter()
+            .filter_map(|p| match p.prior[0] {
+                Prior::LogNormal { median, .. } => Some((p.name, median.clamp(p.bounds[0], p.bounds[1]))),
+                Prior::Normal { mean, deviation } => Some((p.name, (mean + 0.3 * deviation).clamp(p.bounds[0], p.bounds[1]))),
+                Prior::OneOf(_) => None,
+            })
+            .collect();
+        for coriolis in [Coriolis::AtStart, Coriolis::AtMidpoint] {
+            let mut system = door([-3.0, 3.0]);
+            if let Err(e) = system.add_effect("door", &effect(description.name, "hinge", &parameters)) {
+                println!("{}: {e}", description.name);
+                continue;
+            }
+            system.set_coriolis(coriolis);
+            for steps in [1, 30] {
+                let mut x0 = system.state();
+                x0.q.copy_from_slice(&[0.4, 0.1]);
+                x0.v.copy_from_slice(&[1.0, 0.5]);
+                x0.z.iter_mut().take(1).for_each(|z| *z = 0.0);
+                let tau = (0..steps).flat_map(|k| [2.0 + 0.3 * f64::from(k as u32).sin(), 0.1]).collect();
+                let case = Case { system: system.clone(), x0, tau, steps, dt: 1e-3, reach: 1e-5 };
+                let (switched, all) = case.check(&format!("{}, {coriolis:?}, {steps} steps", description.name), 3);
+                compared += all - switched;
+            }
+        }
+    }
+    assert!(compared > 500, "{compared}");
 }

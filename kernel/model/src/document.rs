@@ -150,7 +150,7 @@ impl XyzRpy {
 }
 
 /// One named effect with its parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EffectEntry {
     /// The effect's name in the catalogue, for example `joint_spring`.
@@ -160,6 +160,9 @@ pub struct EffectEntry {
     pub joint: Option<String>,
     /// Parameters by name, SI units.
     pub parameters: BTreeMap<String, f64>,
+    /// What is chosen by a word and not by a number, for example `shape: inverse_square`; the effect's default where it is not given.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub choices: BTreeMap<String, String>,
 }
 
 /// A way of holding the object with a parallel gripper.

@@ -15,8 +15,11 @@ const REACH: usize = 2;
 const SUPPORT: usize = 9;
 /// Points this near to a body whose place is known belong to it, m.
 const KNOWN_MARGIN: f64 = 0.012;
-/// Points this near to the table belong to it, m.
-const TABLE_MARGIN: f64 = 0.010;
+/// Points this near to the table belong to it, m, and so many standard deviations of the depth's noise more.
+const TABLE_MARGIN: f64 = 0.004;
+const TABLE_DEVIATIONS: f64 = 2.5;
+/// Points this near to the table may show how the camera is mounted, m.
+const TABLE_REACH: f64 = 0.03;
 
 /// A pixel with a point and a normal.
 #[derive(Debug, Clone, Copy)]
@@ -38,12 +41,13 @@ pub(crate) struct Frame {
     pub focal: [f64; 2],
     pub center: [f64; 2],
     pub X_WC: Isometry3<f64>,
-    pub X_CW: Isometry3<f64>,
     /// Measured depth, m; 0 where nothing was measured.
     pub depth: Vec<f64>,
     /// Least depth of the pixel and its eight neighbours, m; 0 where the pixel itself was not measured.
     pub nearest: Vec<f64>,
-    /// Pixels that may belong to an object.
+    /// For each pixel of the image: its point may belong to an object.
+    pub open: Vec<bool>,
+    /// Of these, the pixels on smooth surface.
     pub pixels: Vec<Pixel>,
     /// For each pixel of the image, its place in `pixels`, or `u32::MAX`.
     pub slot: Vec<u32>,
@@ -52,8 +56,8 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Checks and prepares an image.
-    pub fn new(view: &View, table_height: f64) -> Result<Self, PerceptionError> {
+    /// Checks an image and fits its normals.
+    pub fn new(view: &View) -> Result<Self, PerceptionError> {
         let image = &view.image;
         let refuse = |message: String| PerceptionError::Image { time: image.time, message };
         let (width, height) = (image.width, image.height);
@@ -72,7 +76,7 @@ impl Frame {
             focal: image.focal,
             center: image.center,
             X_WC: view.X_WC,
-            X_CW: view.X_WC.inverse(),
+            open: depth.iter().map(|z| *z > 0.0).collect(),
             depth,
             nearest,
             pixels: Vec::new(),
@@ -81,13 +85,47 @@ impl Frame {
         };
         frame.fit_normals();
         let known: Vec<_> = view.known.iter().map(|b| (Surface::of_contact(&b.model), &b.X_WL)).collect();
-        frame.keep(|p| p.point.z > table_height + TABLE_MARGIN && !known.iter().any(|(s, X_WL)| s.is_near(X_WL, &p.point, KNOWN_MARGIN)));
+        frame.keep(|p| !known.iter().any(|(s, X_WL)| s.is_near(X_WL, p, KNOWN_MARGIN)));
         Ok(frame)
     }
 
-    /// Keeps only the pixels that the test lets pass.
-    pub fn keep(&mut self, test: impl Fn(&Pixel) -> bool) {
-        self.pixels.retain(test);
+    /// The points that may lie on the table.
+    pub fn table_points(&self, table_height: f64) -> Vec<Pixel> {
+        let on_table = |p: &&Pixel| (p.point.z - table_height).abs() < TABLE_REACH && p.normal.z > 0.9;
+        self.pixels.iter().filter(on_table).copied().collect()
+    }
+
+    /// Takes the table's points out.
+    pub fn drop_table(&mut self, table_height: f64) {
+        let (eye, noise) = (self.eye(), self.noise);
+        self.keep(|p| {
+            let away = p - eye;
+            // Noise lies along the ray: its part along the vertical counts.
+            let deviation = noise * away.norm_squared() * (away.z / away.norm()).abs();
+            p.z > table_height + TABLE_MARGIN + TABLE_DEVIATIONS * deviation
+        });
+    }
+
+    /// Moves the camera, and all that it saw with it.
+    pub fn correct(&mut self, X_CD: &Isometry3<f64>) {
+        let X_WD = self.X_WC * X_CD;
+        let moved = X_WD * self.X_WC.inverse();
+        for p in &mut self.pixels {
+            p.point = moved * p.point;
+            p.normal = moved * p.normal;
+        }
+        self.X_WC = X_WD;
+    }
+
+    /// Keeps only the pixels whose points in the world the test lets pass.
+    pub fn keep(&mut self, test: impl Fn(&Point3<f64>) -> bool) {
+        let mut open = std::mem::take(&mut self.open);
+        for (i, open) in open.iter_mut().enumerate().filter(|(_, open)| **open) {
+            let ray = self.ray_C((i % self.width) as f64, (i / self.width) as f64);
+            *open = test(&(self.X_WC * Point3::from(ray * self.depth[i])));
+        }
+        self.open = open;
+        self.pixels.retain(|p| self.open[p.row * self.width + p.column]);
         self.slot.fill(u32::MAX);
         for (i, p) in self.pixels.iter().enumerate() {
             self.slot[p.row * self.width + p.column] = i as u32;
@@ -104,9 +142,10 @@ impl Frame {
         Vector3::new((column - self.center[0]) / self.focal[0], (row - self.center[1]) / self.focal[1], 1.0)
     }
 
-    /// The pixel that a point of the world falls on, and its depth; nothing behind the camera or outside the image.
-    pub fn project(&self, point: &Point3<f64>) -> Option<(usize, usize, f64)> {
-        let p = self.X_CW * point;
+    /// The pixel that a point falls on and its depth, for a camera whose view of the world is `X_DW`; nothing behind it or
+    /// outside the image.
+    pub fn project(&self, X_DW: &Isometry3<f64>, point: &Point3<f64>) -> Option<(usize, usize, f64)> {
+        let p = X_DW * point;
         if p.z < 1e-3 {
             return None;
         }

@@ -2,7 +2,9 @@
 //!
 //! Parameters are the turn about the world's axes at the object's origin, the shift of that origin, and one position for
 //! each joint that is estimated: `dp_W = omega x (p - p_WO) + v + sum_j dq_j s_j(p)`, with `s_j = a x (p - o)` for a
-//! revolute joint of axis `a` through `o` and `s_j = a` for a prismatic one.
+//! revolute joint of axis `a` through `o` and `s_j = a` for a prismatic one. The last six are the turn and the shift of the
+//! camera `D` as it is against the camera `C` as the robot's model has it, the same in all views: a wrist camera is known
+//! to some millimetres and milliradians only, and all that it sees shares that error.
 
 use nalgebra::{DVector, Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sagci_model::{JointKind, ObjectModel};
@@ -14,6 +16,8 @@ use crate::JointSearch;
 pub(crate) struct Hypothesis {
     pub X_WO: Isometry3<f64>,
     pub q: Vec<f64>,
+    /// Where the camera is against where it is said to be.
+    pub X_CD: Isometry3<f64>,
 }
 
 /// A joint that moves a link, as it lies in the world.
@@ -34,7 +38,7 @@ pub(crate) struct Placed {
 }
 
 impl Hypothesis {
-    /// Moves by parameters: turn, shift, joints.
+    /// Moves by parameters: turn, shift, joints, camera.
     pub fn moved(&self, step: &DVector<f64>, joints: &[JointSearch]) -> Self {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
         let shift = Vector3::new(step[3], step[4], step[5]);
@@ -45,19 +49,30 @@ impl Hypothesis {
                 *position = (*position + step[6 + k]).clamp(joint.lower, joint.upper);
             }
         }
-        Self { X_WO, q }
+        let camera = 6 + joints.len();
+        let part = |i: usize| Vector3::new(step[camera + i], step[camera + i + 1], step[camera + i + 2]);
+        let X_DD = Isometry3::from_parts(Translation3::from(part(3)), UnitQuaternion::from_scaled_axis(part(0)));
+        Self { X_WO, q, X_CD: self.X_CD * X_DD }
+    }
+
+    /// Pose of the world in the camera, for a view that is said to be at `X_WC`.
+    pub fn X_DW(&self, X_WC: &Isometry3<f64>) -> Isometry3<f64> {
+        (X_WC * self.X_CD).inverse()
     }
 
     /// Turn and shift from another hypothesis to this one, and the differences of the joints.
     pub fn difference(&self, other: &Self, joints: &[JointSearch]) -> DVector<f64> {
         let turn = (self.X_WO.rotation * other.X_WO.rotation.inverse()).scaled_axis();
         let shift = self.X_WO.translation.vector - other.X_WO.translation.vector;
-        let mut d = DVector::zeros(6 + joints.len());
+        let mut d = DVector::zeros(12 + joints.len());
         d.fixed_rows_mut::<3>(0).copy_from(&turn);
         d.fixed_rows_mut::<3>(3).copy_from(&shift);
         for (k, joint) in joints.iter().enumerate() {
             d[6 + k] = self.q.get(joint.slot).zip(other.q.get(joint.slot)).map_or(0.0, |(a, b)| a - b);
         }
+        let camera = other.X_CD.inverse() * self.X_CD;
+        d.fixed_rows_mut::<3>(6 + joints.len()).copy_from(&camera.rotation.scaled_axis());
+        d.fixed_rows_mut::<3>(9 + joints.len()).copy_from(&camera.translation.vector);
         d
     }
 
@@ -93,6 +108,16 @@ impl Placed {
         for m in &self.movers[link] {
             let slope = if m.slides { m.axis } else { m.axis.cross(&(p - m.origin)) };
             row[m.parameter] += m.factor * slope.dot(direction);
+        }
+    }
+
+    /// Subtracts the derivative of `direction . p` by the camera's parameters, for a point `p` of the world that the camera
+    /// `D` saw: `dp = omega x p_D + v`, in the camera's axes.
+    pub fn camera_gradient(&self, X_DW: &Isometry3<f64>, p: &Point3<f64>, direction: &Vector3<f64>, row: &mut [f64]) {
+        let (p_D, n_D) = (X_DW * p, X_DW * direction);
+        let at = row.len() - 6;
+        for (slot, slope) in row[at..].iter_mut().zip(p_D.coords.cross(&n_D).iter().chain(n_D.iter())) {
+            *slot -= slope;
         }
     }
 }

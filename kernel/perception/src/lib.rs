@@ -16,6 +16,8 @@ mod evidence;
 mod frame;
 mod hypothesis;
 mod locate;
+mod mount;
+mod polish;
 mod problem;
 mod request;
 mod scene;

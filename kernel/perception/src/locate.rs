@@ -1,9 +1,11 @@
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3};
 
-use crate::align::{Aligned, Stage, align};
+use crate::align::{Aligned, Matching, Stage, align};
 use crate::evidence::{Evidence, weigh};
 use crate::frame::Frame;
 use crate::hypothesis::Hypothesis;
+use crate::mount::Mount;
+use crate::polish::polish;
 use crate::problem::Problem;
 use crate::{Freedom, Located, PerceptionError, Request, View};
 
@@ -12,6 +14,11 @@ const STEP: f64 = 0.025;
 /// Hypotheses that are refined roughly, and those that are refined fully.
 const ROUGH: usize = 24;
 const FULL: usize = 6;
+/// Of those at one place of the grid, so many at most: the yaws of a round object are all alike, and must not crowd out
+/// other places.
+const TURNS: usize = 4;
+/// Those whose score is at least this share of the best are refined to the end.
+const RIVAL: f64 = 0.85;
 /// Fewer pixels than this are no evidence.
 const LEAST_PIXELS: f64 = 25.0;
 /// Less than this share of the surface in sight is too little to look for.
@@ -30,23 +37,26 @@ const ODDS: f64 = 0.02;
 /// [`PerceptionError::NotVisible`] if the place is hidden, [`PerceptionError::NotFound`] if it is seen and nothing there
 /// looks like the object, [`PerceptionError::Request`] or [`PerceptionError::Image`] if the input cannot be used.
 pub fn locate(views: &[View], table_height: f64, request: &Request<'_>) -> Result<Located, PerceptionError> {
-    let frames = frames(views, table_height)?;
-    Ok(locate_in(&frames, request)?.0)
+    let (frames, mount) = frames(views, table_height)?;
+    Ok(locate_in(&frames, &mount, request)?.0)
 }
 
 /// Checks and prepares all images.
-pub(crate) fn frames(views: &[View], table_height: f64) -> Result<Vec<Frame>, PerceptionError> {
+pub(crate) fn frames(views: &[View], table_height: f64) -> Result<(Vec<Frame>, Mount), PerceptionError> {
     if views.is_empty() {
         return Err(PerceptionError::Image { time: 0.0, message: "there is none; take at least one".into() });
     }
-    views.iter().map(|v| Frame::new(v, table_height)).collect()
+    let mut frames = views.iter().map(Frame::new).collect::<Result<Vec<_>, _>>()?;
+    let mount = Mount::by_table(&mut frames, table_height);
+    frames.iter_mut().for_each(|f| f.drop_table(table_height));
+    Ok((frames, mount))
 }
 
 /// The same with prepared images; also the poses of the links, and the distance within which points are explained.
-pub(crate) fn locate_in(frames: &[Frame], request: &Request<'_>) -> Result<(Located, Explained), PerceptionError> {
-    let problem = Problem::new(request, frames)?;
+pub(crate) fn locate_in(frames: &[Frame], mount: &Mount, request: &Request<'_>) -> Result<(Located, Explained), PerceptionError> {
+    let problem = Problem::new(request, frames, mount)?;
     let grid = candidates(&problem);
-    let shares: Vec<f64> = grid.iter().map(|h| problem.seen_through(&problem.placed(h).X_WL, STEP, &[]).1).collect();
+    let shares: Vec<f64> = grid.iter().map(|h| problem.seen_through(h, STEP, &[]).1).collect();
     let best_visible_share = shares.iter().copied().fold(0.0, f64::max);
     let hidden_share = shares.iter().filter(|s| **s < LEAST_VISIBLE).count() as f64 / shares.len().max(1) as f64;
     let name = || request.name.to_owned();
@@ -87,13 +97,22 @@ pub(crate) fn locate_in(frames: &[Frame], request: &Request<'_>) -> Result<(Loca
         pixels: evidence.agree as usize,
         rivals,
     };
-    let explained =
-        Explained { X_WL: problem.placed(&best.hypothesis).X_WL, within: (3.5 * best.rms).max(0.008), surface: problem.surface };
+    let explained = Explained {
+        X_WL: problem.placed(&best.hypothesis).X_WL,
+        within: (3.5 * best.rms).max(0.008),
+        surface: problem.surface,
+        X_CD: best.hypothesis.X_CD,
+        mount: after(&best.information),
+    };
     Ok((located, explained))
 }
 
 /// The surface that explains points.
 pub(crate) struct Explained {
+    /// Where the camera was found to be against where it was said to be.
+    pub X_CD: Isometry3<f64>,
+    /// What is known of it now.
+    pub mount: Option<Mount>,
     surface: crate::surface::Surface,
     X_WL: Vec<Isometry3<f64>>,
     within: f64,
@@ -104,6 +123,15 @@ impl Explained {
     pub fn covers(&self, point: &Point3<f64>) -> bool {
         self.surface.is_near(&self.X_WL, point, self.within)
     }
+}
+
+/// What is left known of the camera when all else is eliminated.
+fn after(information: &DMatrix<f64>) -> Option<Mount> {
+    let covariance = information.clone().try_inverse()?;
+    let at = covariance.nrows() - 6;
+    let mut own = Matrix6::zeros();
+    own.copy_from(&covariance.view((at, at), (6, 6)));
+    Some(Mount { information: own.try_inverse()? })
 }
 
 /// The grid over the prior. Where joints are estimated as well as the pose, the pose is scanned with the links that stay
@@ -169,7 +197,7 @@ fn pose_grid(problem: &Problem<'_>) -> Vec<Hypothesis> {
                     Translation3::from(problem.start.X_WO.translation.vector + shift),
                     turn * problem.start.X_WO.rotation,
                 );
-                grid.push(Hypothesis { X_WO, q: problem.start.q.clone() });
+                grid.push(Hypothesis { X_WO, q: problem.start.q.clone(), X_CD: problem.start.X_CD });
             }
         }
     }
@@ -215,9 +243,11 @@ fn best_of(problem: &Problem<'_>, hypotheses: Vec<Hypothesis>, skip: &[bool], co
 
 /// From the grid to fully refined hypotheses with what the images say about each.
 fn refine(problem: &Problem<'_>, grid: Vec<Hypothesis>) -> Vec<(Aligned, Evidence)> {
-    let rough_stages = [Stage { radius: 0.05, rounds: 6, all_pixels: false }, Stage { radius: 0.02, rounds: 6, all_pixels: false }];
-    let full_stages = [Stage { radius: 0.02, rounds: 6, all_pixels: true }, Stage { radius: 0.01, rounds: 12, all_pixels: true }];
-    let mut rough: Vec<(f64, Hypothesis)> = best_of(problem, grid, &[], ROUGH)
+    let rough_stages =
+        [Stage { radius: 0.05, rounds: 6, matching: Matching::Thinned }, Stage { radius: 0.02, rounds: 6, matching: Matching::Thinned }];
+    let near_stages = [Stage { radius: 0.02, rounds: 6, matching: Matching::Nearest }];
+    let ray_stages = [Stage { radius: 0.015, rounds: 8, matching: Matching::Rays }];
+    let mut rough: Vec<(f64, Hypothesis)> = spread_out(best_of(problem, grid, &[], usize::MAX))
         .iter()
         .map(|h| {
             let h = align(problem, h, &rough_stages).hypothesis;
@@ -231,13 +261,36 @@ fn refine(problem: &Problem<'_>, grid: Vec<Hypothesis>) -> Vec<(Aligned, Evidenc
             kept.push(h);
         }
     }
-    kept.iter()
+    let near: Vec<(Hypothesis, Evidence)> = kept
+        .iter()
         .map(|h| {
-            let aligned = align(problem, h, &full_stages);
+            let h = align(problem, h, &near_stages).hypothesis;
+            let evidence = weigh(problem, &h);
+            (h, evidence)
+        })
+        .collect();
+    let best = near.iter().map(|(_, e)| e.score()).fold(0.0, f64::max);
+    near.into_iter()
+        .filter(|(_, e)| e.score() >= RIVAL * best)
+        .map(|(h, _)| {
+            let mut aligned = align(problem, &h, &ray_stages);
+            polish(problem, &mut aligned);
             let evidence = weigh(problem, &aligned.hypothesis);
             (aligned, evidence)
         })
         .collect()
+}
+
+/// The first hypotheses, with no more than a few from one place.
+fn spread_out(sorted: Vec<Hypothesis>) -> Vec<Hypothesis> {
+    let mut kept: Vec<Hypothesis> = Vec::with_capacity(ROUGH);
+    for h in sorted {
+        let here = |k: &&Hypothesis| (k.X_WO.translation.vector - h.X_WO.translation.vector).norm() < 0.5 * STEP && k.q == h.q;
+        if kept.len() < ROUGH && kept.iter().filter(here).count() < TURNS {
+            kept.push(h);
+        }
+    }
+    kept
 }
 
 fn distinct(problem: &Problem<'_>, a: &Hypothesis, b: &Hypothesis) -> bool {
@@ -249,13 +302,13 @@ fn distinct(problem: &Problem<'_>, a: &Hypothesis, b: &Hypothesis) -> bool {
 
 /// Covariance of the mixture of all rivals about the best, and their number.
 fn spread(problem: &Problem<'_>, found: &[(Aligned, Evidence)]) -> (DMatrix<f64>, usize) {
-    let size = 6 + problem.request.joints.len();
+    let size = 12 + problem.request.joints.len();
     let mut covariance = DMatrix::zeros(size, size);
     let (mut total, mut rivals) = (0.0, 0);
     let Some((best, top)) = found.first() else { return (covariance, 0) };
     for (aligned, evidence) in found {
         let odds = (-(top.score() - evidence.score()) / (ODDS * top.score()).max(3.0)).exp();
-        let own = aligned.information.clone().try_inverse().unwrap_or_else(|| DMatrix::from_diagonal(&inverse(&problem.prior_information)));
+        let own = aligned.information.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(size, size));
         let d = aligned.hypothesis.difference(&best.hypothesis, &problem.request.joints);
         if odds > 0.1 && (rivals == 0 || distinct(problem, &aligned.hypothesis, &best.hypothesis)) {
             rivals += 1;
@@ -264,8 +317,4 @@ fn spread(problem: &Problem<'_>, found: &[(Aligned, Evidence)]) -> (DMatrix<f64>
         total += odds;
     }
     (covariance / total, rivals)
-}
-
-fn inverse(v: &DVector<f64>) -> DVector<f64> {
-    v.map(|x| 1.0 / x)
 }

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::frame::{Frame, Pixel};
 use crate::hypothesis::{Hypothesis, Placed};
+use crate::mount::Mount;
 use crate::surface::{SampleGrid, Surface};
 use crate::{Freedom, PerceptionError, Prior, Request};
 
@@ -47,8 +48,8 @@ pub(crate) struct Problem<'a> {
     pub start: Hypothesis,
     /// Which parameters may move.
     pub free: Vec<usize>,
-    /// Inverse variance of each parameter about `start`, before anything is seen.
-    pub prior_information: DVector<f64>,
+    /// Inverse covariance of the parameters about `start`, before anything is seen.
+    pub prior_information: DMatrix<f64>,
     /// Half extents of the search in the prior's own axes x and y, m, and in yaw, rad.
     pub reach: [f64; 3],
     /// Yaw of the prior's own axes.
@@ -71,7 +72,7 @@ pub(crate) struct Match {
 
 impl<'a> Problem<'a> {
     /// Checks a request and gathers what it needs.
-    pub fn new(request: &'a Request<'a>, frames: &'a [Frame]) -> Result<Self, PerceptionError> {
+    pub fn new(request: &'a Request<'a>, frames: &'a [Frame], mount: &Mount) -> Result<Self, PerceptionError> {
         let refuse = |message: String| PerceptionError::Request { object: request.name.to_owned(), message };
         let moving: Vec<usize> = request.model.moving_joints().collect();
         if request.q.len() != moving.len() {
@@ -105,12 +106,16 @@ impl<'a> Problem<'a> {
                 *position = position.clamp(s.lower, s.upper);
             }
         }
-        let start = Hypothesis { X_WO, q };
+        let start = Hypothesis { X_WO, q, X_CD: Isometry3::identity() };
 
         let coarse = Resolution::of(&surface, surface.area / COARSE_SAMPLES, 2.0);
         let fine = Resolution::of(&surface, surface.area / FINE_SAMPLES, 3.0);
         let radius = radius(request, &surface, &start);
-        let prior_information = prior_information(request, reach, yaw);
+        let pose_and_joints = prior_information(request, reach, yaw);
+        let camera = pose_and_joints.len();
+        let mut prior_information = DMatrix::zeros(camera + 6, camera + 6);
+        prior_information.view_mut((0, 0), (camera, camera)).set_diagonal(&pose_and_joints);
+        prior_information.view_mut((camera, camera), (6, 6)).copy_from(&mount.information);
         let free = match request.freedom {
             Freedom::Held => 6..6,
             Freedom::Standing => 2..6,
@@ -177,18 +182,20 @@ impl<'a> Problem<'a> {
                 score += t.weight * (1.0 - d2 / (tolerance * tolerance)).max(0.0);
             }
         }
-        score - self.seen_through(&X_WL, tolerance, skip).0
+        score - self.seen_through(hypothesis, tolerance, skip).0
     }
 
     /// Number of pixels whose rays went through the surface, and the share of its camera-facing surface that is neither
     /// hidden nor outside the images (the best view's).
-    pub fn seen_through(&self, X_WL: &[Isometry3<f64>], tolerance: f64, skip: &[bool]) -> (f64, f64) {
+    pub fn seen_through(&self, hypothesis: &Hypothesis, tolerance: f64, skip: &[bool]) -> (f64, f64) {
+        let X_WL = self.placed(hypothesis).X_WL;
         let cell = self.coarse.spacing * self.coarse.spacing;
         let (mut violated, mut best_share) = (0.0, 0.0f64);
         for frame in self.frames {
-            let eye = frame.eye();
+            let X_DW = hypothesis.X_DW(&frame.X_WC);
+            let eye = X_DW.inverse_transform_point(&Point3::origin());
             let (mut facing, mut seen) = (0.0, 0.0);
-            for (link, (grid, X)) in self.coarse.grids.iter().zip(X_WL).enumerate() {
+            for (link, (grid, X)) in self.coarse.grids.iter().zip(&X_WL).enumerate() {
                 if skip.get(link).copied().unwrap_or(false) {
                     continue;
                 }
@@ -200,7 +207,7 @@ impl<'a> Problem<'a> {
                     if cos < 0.05 {
                         continue;
                     }
-                    let Some((column, row, z)) = frame.project(&p) else {
+                    let Some((column, row, z)) = frame.project(&X_DW, &p) else {
                         facing += cell * cos / (distance * distance);
                         continue;
                     };
@@ -222,11 +229,6 @@ impl<'a> Problem<'a> {
             }
         }
         (violated, best_share)
-    }
-
-    /// Information of the prior as a matrix.
-    pub fn prior_matrix(&self) -> DMatrix<f64> {
-        DMatrix::from_diagonal(&self.prior_information)
     }
 }
 
@@ -301,7 +303,7 @@ fn radius(request: &Request<'_>, surface: &Surface, start: &Hypothesis) -> f64 {
 /// A uniform prior of half width `h` has variance `h^2 / 3`.
 fn prior_information(request: &Request<'_>, reach: [f64; 3], yaw: f64) -> DVector<f64> {
     let of = |half_width: f64| 3.0 / (half_width * half_width).max(1e-8);
-    let mut information = DVector::from_element(6 + request.joints.len(), of(1e-4));
+    let mut information = DVector::zeros(6 + request.joints.len());
     let tilt = of(if request.freedom == Freedom::Free { reach[2].max(0.2) } else { 0.01 });
     let (sin, cos) = yaw.sin_cos();
     let wide = [(reach[0] * cos).hypot(reach[1] * sin), (reach[0] * sin).hypot(reach[1] * cos)];

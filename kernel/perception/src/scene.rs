@@ -14,7 +14,7 @@ pub fn locate_scene(
     table_height: f64,
     requests: &[SceneRequest<'_>],
 ) -> Result<Vec<Result<Located, PerceptionError>>, PerceptionError> {
-    let mut frames = frames(views, table_height)?;
+    let (mut frames, mut mount) = frames(views, table_height)?;
     let sizes: Vec<f64> = requests.iter().map(|r| Surface::of(r.model).area).collect();
     let mut waiting: Vec<usize> = (0..requests.len()).collect();
     waiting.sort_by(|a, b| sizes[*b].total_cmp(&sizes[*a]).then(a.cmp(b)));
@@ -32,11 +32,15 @@ pub fn locate_scene(
             if r.freedom == Freedom::Held && r.joints.is_empty() {
                 return Ok(None);
             }
-            locate_in(&frames, &request).map(Some)
+            locate_in(&frames, &mount, &request).map(Some)
         });
         answers[i] = Some(match answer {
             Ok(Some((located, explained))) => {
-                frames.iter_mut().for_each(|f| f.keep(|p| !explained.covers(&p.point)));
+                for frame in &mut frames {
+                    frame.correct(&explained.X_CD);
+                    frame.keep(|p| !explained.covers(p));
+                }
+                mount = explained.mount.unwrap_or(mount);
                 Ok(located)
             }
             Ok(None) => held(&requests[i]),

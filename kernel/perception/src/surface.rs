@@ -40,6 +40,8 @@ pub(crate) struct Hit {
     pub distance: f64,
     /// Unit normal toward the ray's origin.
     pub normal: Vector3<f64>,
+    /// The link that was hit.
+    pub link: usize,
 }
 
 impl Surface {
@@ -62,14 +64,14 @@ impl Surface {
     /// Casts a ray of the world at the object whose links are at `X_WL`.
     pub fn cast(&self, X_WL: &[Isometry3<f64>], origin: &Point3<f64>, direction: &Vector3<f64>, farthest: f64) -> Option<Hit> {
         let mut best: Option<Hit> = None;
-        for (surface, X) in self.links.iter().zip(X_WL) {
+        for (link, (surface, X)) in self.links.iter().zip(X_WL).enumerate() {
             let Some(mesh) = &surface.mesh else { continue };
             let ray = Ray::new(to_parry(&X.inverse_transform_point(origin).coords), to_parry(&X.inverse_transform_vector(direction)));
             let limit = best.map_or(farthest, |b| b.distance);
             if let Some(hit) = mesh.cast_local_ray_and_get_normal(&ray, limit, false) {
                 let normal = X * from_parry(hit.normal);
                 let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
-                best = Some(Hit { distance: hit.time_of_impact, normal });
+                best = Some(Hit { distance: hit.time_of_impact, normal, link });
             }
         }
         best

@@ -20,7 +20,7 @@ fn effort_of_a_joint_counts_the_named_effects_of_its_model() {
     assert!((effort(&model, 0.5, -0.2) - rigid + damping * 0.2 + friction).abs() < 1e-9);
     let spring = [("stiffness".to_owned(), 3.0), ("rest_position".to_owned(), -0.1)].into();
     let joint = Some(model.joints[door].name.clone());
-    model.document.effects.push(EffectEntry { effect: "joint_spring".into(), joint, parameters: spring });
+    model.document.effects.push(EffectEntry { effect: "joint_spring".into(), joint, parameters: spring, ..EffectEntry::default() });
     assert!((effort(&model, 0.5, 0.0) - rigid - 3.0 * 0.6).abs() < 1e-9, "a closer's spring must be felt");
     model.document.effects[0].effect = "joint_sprong".into();
     let refused = joint_dynamics(&model, &Isometry3::identity(), Vector3::zeros(), &[0.0], 0).err().unwrap().to_string();

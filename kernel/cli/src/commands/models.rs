@@ -97,7 +97,8 @@ fn model_text(report: &ModelReport) -> String {
     section("regions", rows);
     let mut rows = vec![row(["effect", "joint", "parameters"])];
     rows.extend(report.effects.iter().map(|e| {
-        let parameters: Vec<String> = e.parameters.iter().map(|(name, v)| format!("{name} {v}")).collect();
+        let numbers = e.parameters.iter().map(|(name, v)| format!("{name} {v}"));
+        let parameters: Vec<String> = numbers.chain(e.choices.iter().map(|(name, word)| format!("{name} {word}"))).collect();
         row([&e.effect, e.joint.as_deref().unwrap_or(""), &parameters.join(", ")])
     }));
     section("effects", rows);

@@ -19,7 +19,7 @@ use super::geometry::Poses;
 use super::grasp::Held as HeldGrasp;
 use super::point::{Found, Manifold};
 use super::{Contacts, frame_in_world};
-use crate::complementarity::Problem;
+use crate::complementarity::{Problem, rub};
 use crate::linear::cholesky_solve;
 use crate::spatial::{angular, join, linear};
 use crate::{ContactPoint, DynamicsError, Multibody, SpatialVector, Workspace};
@@ -437,11 +437,8 @@ impl ContactWorkspace {
             let mut sum = slope0 + part * slope1;
             for k in 0..n {
                 let v = at[k] + part * way[k];
-                if problem.dry[k] > 0.0 {
-                    // Just before where it stops it still moves.
-                    let sign = if v == 0.0 { at[k].signum() } else { v.signum() };
-                    sum += problem.dry[k] * sign * way[k];
-                }
+                // Just before where it stops it still moves.
+                sum += rub(problem.dry[k], if v == 0.0 { at[k] } else { v }) * way[k];
             }
             for h in &problem.hinges {
                 sum += h.push(at[h.k] + part * way[h.k]) * way[h.k];

@@ -1,6 +1,6 @@
-//! `dtau = friction sgn(v)`, and whatever holds the joint at rest up to `friction` (Coulomb's law; Olsson et al. 1998).
+//! `dtau = friction sgn(v)`, and whatever holds the joint at rest up to `friction`: Coulomb's law.
 
-use super::{Description, Effect, Instant, Parameter, Prior, Resistance};
+use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct CoulombFriction;
@@ -8,14 +8,15 @@ pub(super) struct CoulombFriction;
 static DESCRIPTION: Description = Description {
     name: "coulomb_friction",
     summary: "resists with a constant force, and holds at rest: friction sgn(v)",
-    parameters: &[Parameter {
-        name: "friction",
-        unit: ["N m", "N"],
-        bounds: [0.0, f64::INFINITY],
-        // Hinges 0.5 to 3 N m; drawers 2 to 10 N.
-        prior: [Prior::LogNormal { median: 1.2, spread: 0.9 }, Prior::LogNormal { median: 4.5, spread: 0.8 }],
-    }],
+    // Hinges 0.5 to 3 N m; drawers 2 to 10 N.
+    parameters: &[Parameter::new("friction", unit::EFFORT, SIZE, [around(1.2, 0.9), around(4.5, 0.8)])],
+    signature: "a step where the motion turns round",
+    confused_with: &["stribeck_friction", "torque_bias"],
+    experiment: "both directions, and speeds down to the slowest",
     source: "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998",
+    linear: true,
+    wears: true,
+    ..Description::BLANK
 };
 
 impl Effect for CoulombFriction {
@@ -23,8 +24,14 @@ impl Effect for CoulombFriction {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], _at: &Instant<'_>, resistance: &mut Resistance) {
-        resistance.dry.value = theta[0];
-        resistance.dry.d_theta[0] = 1.0;
+    fn resist(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance) {
+        for bound in &mut out.dry {
+            bound.value = theta[0];
+            bound.d_theta[0] = 1.0;
+        }
+    }
+
+    fn force(&self, theta: &[f64], _at: &Instant<'_>) -> Force {
+        Force { dry: [theta[0]; 2], ..Force::default() }
     }
 }

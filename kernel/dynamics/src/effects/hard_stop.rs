@@ -1,7 +1,8 @@
-//! `dtau = side (stiffness d + dissipation d+ dd/dt)+` with the depth `d = side (q - position)`: a stop whose loss grows with
-//! its depth, so that the force is continuous at touch (Hunt and Crossley 1975).
+//! `dtau = side (stiffness d + dissipation d dd/dt)+` with the depth `d = side (q - position)`: a stop whose loss grows with
+//! its depth, so that the force is continuous at touch (Hunt and Crossley 1975). It stands in place of the URDF's limit on its
+//! side. A step takes the spring at its end and the loss at the depth of its start, so the push is linear in the next velocity.
 
-use super::{Description, Effect, Instant, Parameter, Prior, Resistance, Stop};
+use super::{ANY, Description, Effect, Instant, PLACE, Parameter, Prior, Resistance, SIZE, Stop, around, unit};
 
 #[derive(Debug)]
 pub(super) struct HardStop;
@@ -10,27 +11,19 @@ static DESCRIPTION: Description = Description {
     name: "hard_stop",
     summary: "pushes back beyond a position: (stiffness d + dissipation d dd/dt)+",
     parameters: &[
-        Parameter {
-            name: "stiffness",
-            unit: ["N m/rad", "N/m"],
-            bounds: [0.0, f64::INFINITY],
-            prior: [Prior::LogNormal { median: 1e4, spread: 1.5 }, Prior::LogNormal { median: 1e5, spread: 1.5 }],
-        },
-        Parameter {
-            name: "dissipation",
-            unit: ["N m s/rad^2", "N s/m^2"],
-            bounds: [0.0, f64::INFINITY],
-            prior: [Prior::LogNormal { median: 5e3, spread: 1.5 }, Prior::LogNormal { median: 5e4, spread: 1.5 }],
-        },
-        Parameter {
-            name: "position",
-            unit: ["rad", "m"],
-            bounds: [f64::NEG_INFINITY, f64::INFINITY],
-            prior: [Prior::Normal { mean: 0.0, deviation: 1.5 }, Prior::Normal { mean: 0.0, deviation: 0.3 }],
-        },
-        Parameter { name: "side", unit: ["1", "1"], bounds: [-1.0, 1.0], prior: [Prior::OneOf(&[-1.0, 1.0]); 2] },
+        // 1e3 to 1e5; restitution 0.1 to 0.6.
+        Parameter::new("stiffness", unit::STIFFNESS, SIZE, [around(1e4, 1.4), around(1e5, 1.5)]),
+        Parameter::new("dissipation", ["N m s/rad^2", "N s/m^2"], SIZE, [around(5e3, 1.5), around(5e4, 1.5)]),
+        Parameter::new("position", unit::POSITION, ANY, PLACE),
+        // Which motion it stops: a choice that is a number.
+        Parameter { prior: [Prior::OneOf(&[-1.0, 1.0]); 2], ..Parameter::new("side", unit::ONE, [-1.0, 1.0], PLACE) },
     ],
+    signature: "a bounce at the limits",
+    confused_with: &["magnetic_gasket", "soft_close_damper"],
+    experiment: "approach gently",
     source: "Hunt, Crossley 1975",
+    linear: true,
+    ..Description::BLANK
 };
 
 impl Effect for HardStop {
@@ -38,23 +31,13 @@ impl Effect for HardStop {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, resistance: &mut Resistance) {
-        let [stiffness, dissipation, position, side] = [theta[0], theta[1], theta[2], theta[3]];
-        let depth = side * (at.q - position);
-        let inside = depth.max(0.0);
-        let mut stop = Stop { side, depth, stiffness, damping: dissipation * inside, force: super::Partial::default() };
-        let rate = side * at.v;
-        let push = inside * (stiffness + dissipation * rate);
-        if push > 0.0 {
-            let slope = stiffness + dissipation * rate;
-            stop.force.value = side * push;
-            stop.force.d_q = slope;
-            stop.force.d_v = dissipation * depth;
-            stop.force.d_theta[0] = side * depth;
-            stop.force.d_theta[1] = side * depth * rate;
-            stop.force.d_theta[2] = -slope;
-            // By the side nothing: it is a choice, not a number.
-        }
-        resistance.stop = Some(stop);
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+        let x = at.variables(theta);
+        let [stiffness, dissipation, position, _, ..] = x.theta;
+        let side = theta[3];
+        let deep = ((x.q - position) * side).positive();
+        let push = stiffness * (x.end - position) * side + dissipation * deep * x.next * side;
+        // By the side nothing: it is a choice, not a number.
+        out.stops[0] = Some(Stop::new(side, push, at.next, true));
     }
 }

@@ -1,6 +1,6 @@
-//! `dtau = stiffness (q - rest_position)`: a door closer or a counterbalance (EN 1154).
+//! `dtau = stiffness (q - rest_position)`: a door closer or a counterbalance.
 
-use super::{Description, Effect, Instant, Parameter, Prior, Resistance};
+use super::{ANY, Description, Effect, Instant, PLACE, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct JointSpring;
@@ -9,20 +9,16 @@ static DESCRIPTION: Description = Description {
     name: "joint_spring",
     summary: "pulls toward a position: stiffness (q - rest_position)",
     parameters: &[
-        Parameter {
-            name: "stiffness",
-            unit: ["N m/rad", "N/m"],
-            bounds: [0.0, f64::INFINITY],
-            prior: [Prior::LogNormal { median: 2.0, spread: 1.5 }, Prior::LogNormal { median: 50.0, spread: 1.5 }],
-        },
-        Parameter {
-            name: "rest_position",
-            unit: ["rad", "m"],
-            bounds: [f64::NEG_INFINITY, f64::INFINITY],
-            prior: [Prior::Normal { mean: 0.0, deviation: 1.5 }, Prior::Normal { mean: 0.0, deviation: 0.3 }],
-        },
+        // A closer of size 3 gives 18 N m or more over a right angle.
+        Parameter::new("stiffness", unit::STIFFNESS, SIZE, [around(6.0, 1.5), around(50.0, 1.5)]).cited(),
+        Parameter::new("rest_position", unit::POSITION, ANY, PLACE),
     ],
+    signature: "conservative, odd in the position",
+    confused_with: &["hinge_tilt", "cable_hysteresis"],
+    experiment: "the full range",
     source: "EN 1154: closers of size 3 give 18 N m or more",
+    linear: true,
+    ..Description::BLANK
 };
 
 impl Effect for JointSpring {
@@ -30,11 +26,10 @@ impl Effect for JointSpring {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, resistance: &mut Resistance) {
-        let [stiffness, rest] = [theta[0], theta[1]];
-        resistance.smooth.value = stiffness * (at.q - rest);
-        resistance.smooth.d_q = stiffness;
-        resistance.smooth.d_theta[0] = at.q - rest;
-        resistance.smooth.d_theta[1] = -stiffness;
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+        let (stiffness, stretch) = (theta[0], at.end() - theta[1]);
+        out.smooth = at.force(stiffness * stretch, stiffness, 0.0);
+        out.smooth.d_theta[0] = stretch;
+        out.smooth.d_theta[1] = -stiffness;
     }
 }

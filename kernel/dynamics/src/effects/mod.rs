@@ -1,158 +1,125 @@
 //! Named physical effects that a rigid body's URDF leaves out. One file an effect: its term, its partial derivatives, its
 //! parameters with units, bounds and priors, its name and its source. [`catalogue`] is the list of those files.
 //!
-//! An effect acts on one degree of freedom. Its `dtau` is the generalised force that the rigid-body model lacks, on the
-//! side of the accelerations: `M a + c + g + dtau = tau`. So it resists motion where it has the velocity's sign.
+//! # What an effect is
+//! An effect holds no values: parameters `theta` and inner states `z` are passed in, so that they can be varied and fitted
+//! without building anything anew. What it acts on ([`Acts`]) says which of its doors it opens:
+//!
+//! * **the joint** ([`Effect::resist`]): `dtau`, the generalised force that the rigid-body model lacks, on the side of the
+//!   accelerations: `M a + c + g + dtau = tau`. So it resists motion where it has the velocity's sign. It comes in three parts:
+//!   smooth, dry friction (a bound, exact at rest), one-sided stops.
+//! * **the command** ([`Effect::command`]): what becomes of it on its way to the joint.
+//! * **the measurement** ([`Effect::measure`]): what the sensors make of the truth.
+//! * **the rigid bodies** ([`Effect::reshape`]): armature, inertia, axis and origin of its joint.
+//! * **the losses** of its joint ([`Effect::wear`]), and **the base** of a part ([`Effect::sway`]).
+//!
+//! # Steps and derivatives
+//! A step finds the next velocity `w` with all forces taken at `w` and at the position that it leads to: `r(w) = 0`, solved to
+//! the end. So the step's derivatives need first derivatives only, those at the solution: `r_w dw = -r_x dx`. Effects
+//! with inner states put the states' own implicit (or exact) step into their force, so that `dtau(w)` already knows how the states
+//! answer to `w`; stiff inner states are stable then, together with the joint.
+//!
+//! Inner states are relative to the joint wherever they are positions or velocities, so that zero is their start at any state.
 
+mod actuator_lag;
+mod actuator_saturation;
+mod air_suction;
+mod armature_inertia;
+mod asymmetric_friction;
+mod backlash;
+mod cable_hysteresis;
 mod catalogue;
+mod clock_skew;
 mod coulomb_friction;
+mod detent;
+mod encoder_offset;
 mod hard_stop;
+mod hinge_tilt;
+mod interface;
+mod joint_axis_error;
+mod joint_elasticity;
 mod joint_spring;
+mod latch;
+mod load_dependent_friction;
+mod magnetic_gasket;
+mod payload;
+mod position_dependent_friction;
+mod presliding_hysteresis;
+mod quadratic_drag;
+mod sensor_drift;
+mod soft_close_damper;
+mod stribeck_friction;
+mod thermal_wear;
+mod torque_bias;
+mod torque_gain;
+mod torque_ripple;
+mod transport_delay;
+mod unmodelled_mode;
 mod viscous_friction;
 
-pub use catalogue::{catalogue, find, parameters_of};
+pub(crate) use catalogue::check_parameter;
+pub use catalogue::{catalogue, find, page, parameters_of};
+pub use interface::*;
 
-/// No effect has more parameters than this.
-pub const MAX_PARAMETERS: usize = 8;
-
-/// One effect of the catalogue. It holds no values: those are passed in, so that they can be varied and fitted without
-/// building anything anew.
+/// One effect of the catalogue.
 pub trait Effect: std::fmt::Debug + Sync {
     /// Its name, parameters and source.
     fn description(&self) -> &'static Description;
 
-    /// What it adds at one instant. `theta` are its parameters in the order of the description.
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, resistance: &mut Resistance);
+    /// What it adds to its joint. `theta` are its parameters in the order of the description; `out` comes in empty.
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+        let _ = (theta, at, out);
+    }
 
-    /// Number of inner states, such as the bristle of a presliding model or a pressure. They start at zero.
+    /// The same without derivatives, for a step. Only what stands on every joint of a URDF has a shorter way than the whole.
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        let mut out = Resistance::default();
+        self.resist(theta, at, &mut out);
+        Force::from(&out)
+    }
+
+    /// Number of inner states, such as the bristle of a presliding model or a pressure; at most [`MAX_STATES`]. They start at
+    /// zero.
     fn states(&self) -> usize {
         0
     }
 
-    /// Moves the inner states over one step that ends with `at` (whose `z` holds the states before the step).
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, dt: f64, z: &mut [f64]) {
-        let _ = (theta, at, dt, z);
+    /// Does it keep a history of its input, after its inner states?
+    fn keeps_history(&self) -> bool {
+        false
     }
-}
 
-/// What an effect can depend on.
-#[derive(Debug, Clone, Copy)]
-pub struct Instant<'a> {
-    /// Position of the joint, rad or m; 0 for joints of several degrees of freedom.
-    pub q: f64,
-    /// Velocity.
-    pub v: f64,
-    /// Input at the joint (drive), N m or N.
-    pub input: f64,
-    /// Force of gravity, Coriolis and external forces on the joint, N m or N.
-    pub load: f64,
-    /// Time, s.
-    pub time: f64,
-    /// Inner states.
-    pub z: &'a [f64],
-}
-
-/// A value with its partial derivatives.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Partial {
-    /// The value, N m or N.
-    pub value: f64,
-    /// By position.
-    pub d_q: f64,
-    /// By velocity.
-    pub d_v: f64,
-    /// By parameters.
-    pub d_theta: [f64; MAX_PARAMETERS],
-}
-
-/// What an effect adds, sorted by how a time step has to treat it.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Resistance {
-    /// `dtau` that is smooth. Its stiffness and damping enter a step implicitly.
-    pub smooth: Partial,
-    /// Bound of dry friction: `dtau = dry sgn(v)`, and anything in between at rest. Never negative.
-    pub dry: Partial,
-    /// A one-sided contact with a stop.
-    pub stop: Option<Stop>,
-}
-
-/// A stop at one end of a joint's range: `dtau = side (stiffness d + damping dd/dt)+` with the depth
-/// `d = side (q - position)`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stop {
-    /// +1 stops positive motion, -1 negative.
-    pub side: f64,
-    /// Depth in the stop, rad or m; negative before it.
-    pub depth: f64,
-    /// N m/rad or N/m.
-    pub stiffness: f64,
-    /// At this depth, N m s/rad or N s/m.
-    pub damping: f64,
-    /// `dtau` at this instant.
-    pub force: Partial,
-}
-
-impl Resistance {
-    /// The whole `dtau` at the velocity `v`; at rest dry friction counts as zero.
-    pub fn total(&self, v: f64) -> Partial {
-        let sign = if v == 0.0 { 0.0 } else { v.signum() };
-        let mut sum = self.smooth;
-        for (part, factor) in [(Some(self.dry), sign), (self.stop.map(|s| s.force), 1.0)] {
-            let Some(part) = part else { continue };
-            sum.value += factor * part.value;
-            sum.d_q += factor * part.d_q;
-            sum.d_v += factor * part.d_v;
-            for (s, p) in sum.d_theta.iter_mut().zip(part.d_theta) {
-                *s += factor * p;
-            }
-        }
-        sum
+    /// Inner states after a step whose next velocity is `at.next`.
+    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+        let _ = (theta, at, out);
     }
-}
 
-/// What an effect says of itself.
-#[derive(Debug, Clone, Copy)]
-pub struct Description {
-    /// Name, used in files, scripts and reports.
-    pub name: &'static str,
-    /// One sentence with the term.
-    pub summary: &'static str,
-    /// Its parameters, at most [`MAX_PARAMETERS`].
-    pub parameters: &'static [Parameter],
-    /// Where the term comes from.
-    pub source: &'static str,
-}
+    /// What goes on of the command `at.input`: its mean over the step, and at `dt = 0` that of the instant.
+    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
+        let _ = theta;
+        out.output = Partial { value: at.input, d_input: 1.0, ..Partial::default() };
+    }
 
-/// One parameter of an effect.
-#[derive(Debug, Clone, Copy)]
-pub struct Parameter {
-    /// Name.
-    pub name: &'static str,
-    /// Unit on a joint that turns, and on one that slides.
-    pub unit: [&'static str; 2],
-    /// Least and greatest value.
-    pub bounds: [f64; 2],
-    /// What is expected before anything is measured, on a joint that turns, and on one that slides.
-    pub prior: [Prior; 2],
-}
+    /// What is read where `at.q`, `at.v`, `at.input` and `at.time` are the position, velocity, effort and stamp that come in;
+    /// `out` comes in as that of a perfect sensor.
+    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
+        let _ = (theta, at, out);
+    }
 
-/// What a parameter is expected to be.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Prior {
-    /// Its logarithm is normal: median, and standard deviation of the natural logarithm.
-    LogNormal {
-        /// Median.
-        median: f64,
-        /// Standard deviation of the logarithm.
-        spread: f64,
-    },
-    /// Normal.
-    Normal {
-        /// Mean.
-        mean: f64,
-        /// Standard deviation.
-        deviation: f64,
-    },
-    /// One of these, each as likely; not fitted by gradients.
-    OneOf(&'static [f64]),
+    /// What it changes of the rigid bodies.
+    fn reshape(&self, theta: &[f64], out: &mut Reshape) {
+        let _ = (theta, out);
+    }
+
+    /// The factor on the losses of its joint at a time.
+    fn wear(&self, theta: &[f64], time: f64) -> Partial {
+        let _ = (theta, time);
+        Partial::constant(1.0)
+    }
+
+    /// How the base of its part gives way.
+    fn sway(&self, theta: &[f64]) -> Option<Sway> {
+        let _ = theta;
+        None
+    }
 }

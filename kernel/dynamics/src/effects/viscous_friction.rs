@@ -1,6 +1,6 @@
-//! `dtau = damping v`: the drag of a lubricated bearing (Armstrong-Helouvry, Dupont and Canudas de Wit 1994).
+//! `dtau = damping v`: the drag of a lubricated bearing.
 
-use super::{Description, Effect, Instant, Parameter, Prior, Resistance};
+use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ViscousFriction;
@@ -8,14 +8,15 @@ pub(super) struct ViscousFriction;
 static DESCRIPTION: Description = Description {
     name: "viscous_friction",
     summary: "resists in proportion to speed: damping v",
-    parameters: &[Parameter {
-        name: "damping",
-        unit: ["N m s/rad", "N s/m"],
-        bounds: [0.0, f64::INFINITY],
-        // Hinges 0.05 to 1 N m s/rad; slides 1 to 50 N s/m.
-        prior: [Prior::LogNormal { median: 0.2, spread: 1.0 }, Prior::LogNormal { median: 7.0, spread: 1.0 }],
-    }],
+    // Hinges 0.05 to 1 N m s/rad; slides 1 to 50 N s/m.
+    parameters: &[Parameter::new("damping", unit::DAMPING, SIZE, [around(0.2, 1.0), around(7.0, 1.0)])],
+    signature: "linear in velocity, through zero",
+    confused_with: &["quadratic_drag"],
+    experiment: "speeds over two decades",
     source: "Armstrong-Helouvry, Dupont, Canudas de Wit 1994",
+    linear: true,
+    wears: true,
+    ..Description::BLANK
 };
 
 impl Effect for ViscousFriction {
@@ -23,10 +24,13 @@ impl Effect for ViscousFriction {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, resistance: &mut Resistance) {
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
         let damping = theta[0];
-        resistance.smooth.value = damping * at.v;
-        resistance.smooth.d_v = damping;
-        resistance.smooth.d_theta[0] = at.v;
+        out.smooth = at.force(damping * at.next, 0.0, damping);
+        out.smooth.d_theta[0] = at.next;
+    }
+
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        Force { smooth: [theta[0] * at.next, theta[0]], ..Force::default() }
     }
 }

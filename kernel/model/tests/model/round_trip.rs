@@ -165,3 +165,18 @@ fn an_stl_reads_back_as_it_was_written_in_both_forms() {
     assert_eq!(TriangleMesh::read(&ascii).unwrap(), mesh);
     assert!(mesh.is_closed() && mesh.volume() > 0.0);
 }
+
+#[test]
+fn an_effect_keeps_its_numbers_and_its_choices() {
+    let yaml = "schema: 1\neffects:\n- effect: magnetic_gasket\n  joint: hinge\n  parameters: {force: 12.0, width: 0.01}\n  choices: {shape: inverse_square}\n\
+                - effect: torque_bias\n  joint: hinge\n  parameters: {bias: 0.5}\n";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.yaml");
+    std::fs::write(&path, yaml).unwrap();
+    let document = sagci_model::Document::read(&path).unwrap();
+    assert_eq!(document.effects[0].choices["shape"], "inverse_square");
+    let written = document.to_yaml().unwrap();
+    assert_eq!(written.matches("choices").count(), 1, "what was not chosen is not written: {written}");
+    std::fs::write(&path, written).unwrap();
+    assert_eq!(sagci_model::Document::read(&path).unwrap(), document);
+}

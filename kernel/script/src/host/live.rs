@@ -228,7 +228,8 @@ impl Live {
             .filter(|(_, i)| self.belief.objects[*i].X_TO.is_none())
             .collect();
         let requests: Vec<SceneRequest<'_>> = wanted.iter().map(|(s, i)| self.search(s, *i, &wanted)).collect();
-        let answers = self.perceive.locate(views, self.belief.table_height, &requests).map_err(|e| broken("perception", e))?;
+        let views = self.with_seen(views, &wanted);
+        let answers = self.perceive.locate(&views, self.belief.table_height, &requests).map_err(|e| broken("perception", e))?;
         let models: Vec<Arc<ObjectModel>> = self.things.iter().map(|t| t.model.clone()).collect();
         let known: Vec<usize> = wanted.iter().zip(&answers).filter(|(_, a)| a.is_ok()).map(|((_, i), _)| *i).collect();
         let mut found = Vec::new();
@@ -246,6 +247,15 @@ impl Live {
             found.push((s, answer));
         }
         Ok(found)
+    }
+
+    /// The views, with the objects that were seen and are not sought: what they explain is nothing else.
+    fn with_seen(&self, views: &[View], wanted: &[(Sought, usize)]) -> Vec<View> {
+        let sought = |i: usize| wanted.iter().any(|(_, w)| *w == i);
+        let seen = self.belief.objects.iter().zip(&self.things).enumerate();
+        let seen: Vec<_> = seen.filter(|(i, (o, t))| o.seen && o.X_TO.is_none() && !t.released && !sought(*i)).collect();
+        let add = |view: &View| seen.iter().fold(view.clone(), |v, (_, (o, t))| v.with_known(&t.model, &o.X_WO, &o.q));
+        views.iter().map(add).collect()
     }
 
     fn search<'a>(&'a self, sought: &Sought, i: usize, all: &[(Sought, usize)]) -> SceneRequest<'a> {

@@ -205,6 +205,10 @@ impl JointEffects {
 
 impl Term {
     fn read(entry: &EffectEntry) -> Result<Self, String> {
+        // Only the defaults are simulated here; taking another choice for them would be a wrong truth.
+        if let Some((name, word)) = entry.choices.iter().find(|(name, word)| (name.as_str(), word.as_str()) != ("shape", "exponential")) {
+            return Err(format!("the effect {} has {name}: {word}, which is not simulated by this world", entry.effect));
+        }
         let p = Parameters { entry, map: &entry.parameters };
         let term = match entry.effect.as_str() {
             "viscous_friction" => Self::Viscous { damping: p.positive("damping")? },

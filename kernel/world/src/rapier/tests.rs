@@ -98,6 +98,7 @@ fn door_with_bias(torque: f64) -> RapierWorld {
         effect: "torque_bias".into(),
         joint: Some("hinge".into()),
         parameters: [("bias".to_owned(), -torque)].into(),
+        ..EffectEntry::default()
     });
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     world(&scene, 1, exact())
@@ -356,7 +357,12 @@ fn physics_that_breaks_down_is_an_error_and_stays_one() {
 fn an_effect_that_is_not_simulated_is_refused() {
     let mut scene = scene("gantry", "high");
     let mut door = model("door");
-    door.document.effects.push(EffectEntry { effect: "gremlins".into(), joint: Some("hinge".into()), parameters: [].into() });
+    door.document.effects.push(EffectEntry {
+        effect: "gremlins".into(),
+        joint: Some("hinge".into()),
+        parameters: [].into(),
+        ..EffectEntry::default()
+    });
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     let error = RapierWorld::new(exact()).reset(&scene, 1).unwrap_err().to_string();
     assert!(error.contains("door") && error.contains("gremlins") && error.contains("joint_spring"), "{error}");
@@ -436,6 +442,7 @@ fn roll(load: f64, torque: f64) -> (f64, f64) {
         effect: "torque_bias".into(),
         joint: Some("axle".into()),
         parameters: [("bias".to_owned(), -torque)].into(),
+        ..EffectEntry::default()
     });
     put_model(&mut scene, "roller", roller, [0.0, 0.0, 0.0]);
     let mut world = world(&scene, 1, exact());
@@ -466,4 +473,17 @@ fn a_bar_that_is_turned_in_the_grip_rolls_under_load() {
     let (angle, shift) = roll(8.0, 3.0);
     assert!(angle > 0.15, "turned by {angle} rad");
     assert!((shift - 0.02 * angle).abs() < 0.15 * 0.02 * angle, "turned by {angle} rad, moved by {shift} m");
+}
+
+#[test]
+fn the_mounting_error_never_puts_the_shipped_camera_behind_its_own_housing() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models/panda");
+    let version = std::fs::read_to_string(folder.join("HEAD")).unwrap();
+    let robot = std::sync::Arc::new(sagci_model::ObjectModel::read(folder.join(version.trim())).unwrap());
+    let scene = Scene { robot, start: "look_ahead".into(), table_height: 0.0, objects: Vec::new() };
+    for seed in 0..30 {
+        let image = world(&scene, seed, WorldOptions::default()).look().unwrap();
+        let measured = image.depth.iter().filter(|z| **z > 0.0).count();
+        assert!(measured > image.depth.len() / 2, "seed {seed}: {measured} of {} pixels measured", image.depth.len());
+    }
 }

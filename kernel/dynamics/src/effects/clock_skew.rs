@@ -1,0 +1,32 @@
+//! What is measured at `t` is stamped `t + skew` against the command. The values are untouched, so nothing is approximated: compare
+//! readings by their stamps.
+
+use super::{Acts, Description, Effect, Instant, Parameter, Reading, near, unit};
+
+#[derive(Debug)]
+pub(super) struct ClockSkew;
+
+static DESCRIPTION: Description = Description {
+    name: "clock_skew",
+    summary: "the measurement is stamped late by skew against the command",
+    acts: Acts::Measurement(3),
+    // 1 to 30 ms.
+    parameters: &[Parameter::new("skew", unit::TIME, [-10.0, 10.0], [near(0.0, 0.01), near(0.0, 0.01)])],
+    signature: "one channel leads the other",
+    confused_with: &["transport_delay"],
+    experiment: "the command and the measurement apart: in one log it is a delay",
+    source: "two clocks",
+    linear: true,
+    ..Description::BLANK
+};
+
+impl Effect for ClockSkew {
+    fn description(&self) -> &'static Description {
+        &DESCRIPTION
+    }
+
+    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
+        out.stamp.value = at.time + theta[0];
+        out.stamp.d_theta[0] = 1.0;
+    }
+}

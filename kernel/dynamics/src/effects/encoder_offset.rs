@@ -1,0 +1,35 @@
+//! `measured = (1 + scale_error) q + offset`.
+
+use super::{ANY, Acts, Description, Effect, Instant, Parameter, Partial, Reading, near, unit};
+
+#[derive(Debug)]
+pub(super) struct EncoderOffset;
+
+static DESCRIPTION: Description = Description {
+    name: "encoder_offset",
+    summary: "the encoder's zero and scale are off: measured = (1 + scale_error) q + offset",
+    acts: Acts::Measurement(1),
+    parameters: &[
+        // 0.1 to 2 degrees.
+        Parameter::new("offset", unit::POSITION, ANY, [near(0.0, 0.015), near(0.0, 0.003)]),
+        Parameter::new("scale_error", unit::ONE, [-0.9, 10.0], [near(0.0, 0.01), near(0.0, 0.01)]),
+    ],
+    signature: "moves every feature that has a place in q",
+    confused_with: &["hinge_tilt", "joint_axis_error"],
+    experiment: "a reference outside",
+    source: "geometric calibration",
+    linear: true,
+    ..Description::BLANK
+};
+
+impl Effect for EncoderOffset {
+    fn description(&self) -> &'static Description {
+        &DESCRIPTION
+    }
+
+    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
+        let x = at.variables(theta);
+        let scale: Partial = x.theta[1] + 1.0;
+        (out.position, out.velocity) = (scale * x.q + x.theta[0], scale * x.v);
+    }
+}

@@ -1,0 +1,297 @@
+//! What effects read, and what they write through each of their doors.
+
+use nalgebra::Vector3;
+
+use super::partial::{MAX_PARAMETERS, MAX_STATES, Partial};
+
+/// Number of samples that an effect with a history keeps.
+pub const HISTORY: usize = 64;
+
+/// What an effect can depend on, over one step in time or at one instant.
+///
+/// A step of length `dt` takes its forces at the next velocity `next` and at the position `q + dt next` that it leads to.
+/// With `dt = 0` and `next = v` a force is that of the instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant<'a> {
+    /// Position of the joint at the start, rad or m; 0 for joints of several degrees of freedom.
+    pub q: f64,
+    /// Velocity at the start.
+    pub v: f64,
+    /// Next velocity.
+    pub next: f64,
+    /// Length of the step, s.
+    pub dt: f64,
+    /// Input: at the joint (drive), N m or N; for a change of the command what comes in.
+    pub input: f64,
+    /// Force of gravity, Coriolis and external forces on the joint, N m or N.
+    pub load: f64,
+    /// Time at the start, s.
+    pub time: f64,
+    /// Inner states at the start; then the history, where there is one: [`HISTORY`] inputs, then the seconds that each lasted.
+    pub z: &'a [f64],
+}
+
+impl<'a> Instant<'a> {
+    /// One instant: no step.
+    pub fn at(q: f64, v: f64, input: f64, load: f64, time: f64, z: &'a [f64]) -> Self {
+        Self { q, v, next: v, dt: 0.0, input, load, time, z }
+    }
+
+    /// Position at the end of the step.
+    #[inline]
+    pub fn end(&self) -> f64 {
+        self.q + self.dt * self.next
+    }
+
+    /// A smooth force `f(q, v)` at the end of the step, from its value there and its two derivatives.
+    #[inline]
+    pub(in crate::effects) fn force(&self, value: f64, by_position: f64, by_velocity: f64) -> Partial {
+        Partial { value, d_q: by_position, d_next: by_velocity + self.dt * by_position, ..Partial::default() }
+    }
+
+    /// All of it as numbers that carry their partial derivatives.
+    pub(in crate::effects) fn variables(&self, theta: &[f64]) -> Variables {
+        let q = Partial { value: self.q, d_q: 1.0, ..Partial::default() };
+        let next = Partial { value: self.next, d_next: 1.0, ..Partial::default() };
+        let mut variables = Variables {
+            q,
+            v: Partial { value: self.v, d_v: 1.0, ..Partial::default() },
+            next,
+            end: Partial { value: self.end(), d_q: 1.0, d_next: self.dt, ..Partial::default() },
+            input: Partial { value: self.input, d_input: 1.0, ..Partial::default() },
+            load: Partial { value: self.load, d_load: 1.0, ..Partial::default() },
+            z: [Partial::default(); MAX_STATES],
+            theta: Partial::parameters(theta),
+        };
+        for (i, (out, z)) in variables.z.iter_mut().zip(self.z).enumerate() {
+            out.value = *z;
+            out.d_z[i] = 1.0;
+        }
+        variables
+    }
+}
+
+/// An [`Instant`] as numbers that carry their partial derivatives.
+#[derive(Debug, Clone, Copy)]
+pub struct Variables {
+    /// Position at the start.
+    pub q: Partial,
+    /// Velocity at the start.
+    pub v: Partial,
+    /// Next velocity.
+    pub next: Partial,
+    /// Position at the end.
+    pub end: Partial,
+    /// Input.
+    pub input: Partial,
+    /// Load.
+    pub load: Partial,
+    /// Inner states.
+    pub z: [Partial; MAX_STATES],
+    /// Parameters.
+    pub theta: [Partial; MAX_PARAMETERS],
+}
+
+impl Variables {
+    /// The share of the step's way on which the position lies below a boundary. A force that acts on one side of a boundary,
+    /// times this share, is its mean over the step to first order; so it has the right derivative by the boundary.
+    pub(in crate::effects) fn share_below(&self, boundary: Partial) -> Partial {
+        let (start, end) = (self.q.value, self.end.value);
+        match (start < boundary.value, end < boundary.value) {
+            (true, true) => Partial::constant(1.0),
+            (false, false) => Partial::default(),
+            (true, false) => (boundary - self.q) / (self.end - self.q),
+            (false, true) => (boundary - self.end) / (self.q - self.end),
+        }
+    }
+}
+
+/// What an effect adds to its joint, sorted by how a time step has to treat it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Resistance {
+    /// `dtau` that a step takes at the next velocity, by Newton's method: its mean over the step as a function of `next`.
+    pub smooth: Partial,
+    /// Bounds of dry friction, for motion in the positive and in the negative direction: `dtau = dry[0]` or `-dry[1]`, and
+    /// anything in between at rest. Never negative.
+    pub dry: [Partial; 2],
+    /// One-sided contacts.
+    pub stops: [Option<Stop>; 2],
+}
+
+/// A one-sided contact: `dtau = side (offset + slope side next)+`, exactly linear in the next velocity where it pushes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stop {
+    /// +1 stops positive motion, -1 negative.
+    pub side: f64,
+    /// Its push at rest, N m or N; negative before touch.
+    pub offset: f64,
+    /// Growth of its push with the velocity into it, N m s/rad or N s/m; never negative.
+    pub slope: f64,
+    /// `dtau` at the next velocity.
+    pub force: Partial,
+    /// It stands in place of the URDF's limit on its side.
+    pub limit: bool,
+}
+
+impl Stop {
+    /// A stop whose push changes linearly with the next velocity, as `push` says; it pushes where that is positive.
+    pub(in crate::effects) fn new(side: f64, push: Partial, next: f64, limit: bool) -> Self {
+        let slope = (side * push.d_next).max(0.0);
+        let force = if push.value > 0.0 { push * side } else { Partial::default() };
+        Self { side, offset: push.value - slope * side * next, slope, force, limit }
+    }
+}
+
+/// A [`Resistance`] without its derivatives: what a step needs.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Force {
+    /// The smooth part at the next velocity, and its slope by that.
+    pub smooth: [f64; 2],
+    /// Bounds of dry friction.
+    pub dry: [f64; 2],
+    /// One-sided contacts: side, offset and slope of [`Stop`].
+    pub stops: [Option<[f64; 3]>; 2],
+}
+
+impl From<&Resistance> for Force {
+    fn from(r: &Resistance) -> Self {
+        Self {
+            smooth: [r.smooth.value, r.smooth.d_next],
+            dry: [r.dry[0].value, r.dry[1].value],
+            stops: r.stops.map(|s| s.map(|s| [s.side, s.offset, s.slope])),
+        }
+    }
+}
+
+impl Resistance {
+    /// The same bound of dry friction in both directions.
+    #[inline]
+    pub(in crate::effects) fn dry_both(&mut self, bound: Partial) {
+        self.dry = [bound, bound];
+    }
+
+    /// The whole `dtau` at the velocity `next`; at rest dry friction counts as zero.
+    pub fn total(&self, next: f64) -> Partial {
+        let mut sum = self.smooth;
+        if next > 0.0 {
+            sum = sum + self.dry[0];
+        } else if next < 0.0 {
+            sum = sum - self.dry[1];
+        }
+        for stop in self.stops.iter().flatten() {
+            sum = sum + stop.force;
+        }
+        sum
+    }
+}
+
+/// Inner states after a step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Advance {
+    /// The next inner states.
+    pub z: [Partial; MAX_STATES],
+    /// What is written into the history.
+    pub sample: Option<Sample>,
+}
+
+/// One entry of a history is written; all others stay.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Which.
+    pub slot: usize,
+    /// Its value.
+    pub value: f64,
+    /// Seconds that it lasted.
+    pub duration: f64,
+    /// By the input.
+    pub d_input: f64,
+    /// By its value before.
+    pub d_slot: f64,
+}
+
+/// A command on its way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transfer {
+    /// What goes on: the mean over the step.
+    pub output: Partial,
+    /// Its derivatives by the inputs of the history.
+    pub d_history: [f64; HISTORY],
+}
+
+impl Default for Transfer {
+    fn default() -> Self {
+        Self { output: Partial::default(), d_history: [0.0; HISTORY] }
+    }
+}
+
+/// What is measured on one joint. Partial derivatives `d_q`, `d_v` and `d_input` are by position, velocity and effort as
+/// they come in.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Reading {
+    /// Position, rad or m.
+    pub position: Partial,
+    /// Velocity, rad/s or m/s.
+    pub velocity: Partial,
+    /// Effort, N m or N.
+    pub effort: Partial,
+    /// Time stamp, s.
+    pub stamp: Partial,
+}
+
+impl Reading {
+    /// What a perfect sensor reads.
+    pub fn perfect(position: f64, velocity: f64, effort: f64, stamp: f64) -> Self {
+        Self {
+            position: Partial { value: position, d_q: 1.0, ..Partial::default() },
+            velocity: Partial { value: velocity, d_v: 1.0, ..Partial::default() },
+            effort: Partial { value: effort, d_input: 1.0, ..Partial::default() },
+            stamp: Partial::constant(stamp),
+        }
+    }
+}
+
+/// A change of the rigid bodies at one joint, with its derivatives by the effect's parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reshape {
+    /// Inertia that the drive adds to the joint, kg m^2 or kg.
+    pub armature: Partial,
+    /// Mass, mass times centre (x, y, z), inertia about the origin (xx, xy, xz, yy, yz, zz) that the joint's own link gains,
+    /// in the link's frame.
+    pub inertia: [Partial; 10],
+    /// Rotation vector that turns the joint's axis, in the joint's frame, rad.
+    pub turn: [Partial; 3],
+    /// Shift of the joint's origin, in the joint's frame, m.
+    pub shift: [Partial; 3],
+}
+
+impl Default for Reshape {
+    fn default() -> Self {
+        let none = Partial::default();
+        Self { armature: none, inertia: [none; 10], turn: [none; 3], shift: [none; 3] }
+    }
+}
+
+impl Reshape {
+    /// The turn as a vector.
+    pub(crate) fn turn(&self) -> Vector3<f64> {
+        Vector3::new(self.turn[0].value, self.turn[1].value, self.turn[2].value)
+    }
+
+    /// The shift as a vector.
+    pub(crate) fn shift(&self) -> Vector3<f64> {
+        Vector3::new(self.shift[0].value, self.shift[1].value, self.shift[2].value)
+    }
+}
+
+/// A base that gives way along one direction: mass on a spring and a damper, beside the mass of the part that it carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sway {
+    /// Unit vector in the world.
+    pub direction: Vector3<f64>,
+    /// Mass of the base, kg.
+    pub mass: Partial,
+    /// N s/m.
+    pub damping: Partial,
+    /// N/m.
+    pub stiffness: Partial,
+}

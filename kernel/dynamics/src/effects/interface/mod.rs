@@ -1,0 +1,12 @@
+//! What an effect is made of: numbers with their partial derivatives, what effects read and write, how they describe
+//! themselves.
+
+mod description;
+mod doors;
+mod partial;
+
+pub(super) use description::{ABOVE_ZERO, ANY, PLACE, SIZE, around, near, unit};
+pub use description::{Acts, Description, Parameter, Prior};
+pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Sample, Stop, Sway, Transfer, Variables};
+pub(super) use partial::sign;
+pub use partial::{MAX_PARAMETERS, MAX_STATES, Partial};

@@ -1,0 +1,30 @@
+//! `dtau = bias`: a torque sensor's or a drive's zero that is off.
+
+use super::{ANY, Description, Effect, Instant, Parameter, Resistance, near, unit};
+
+#[derive(Debug)]
+pub(super) struct TorqueBias;
+
+static DESCRIPTION: Description = Description {
+    name: "torque_bias",
+    summary: "a constant: bias",
+    // 1 to 5 % of the drive's effort.
+    parameters: &[Parameter::new("bias", unit::EFFORT, ANY, [near(0.0, 1.0), near(0.0, 5.0)])],
+    signature: "constant",
+    confused_with: &["gravity", "coulomb_friction", "hinge_tilt"],
+    experiment: "both directions, over the full range",
+    source: "Swevers, Ganseman, Tukel, De Schutter, Van Brussel 1997",
+    linear: true,
+    ..Description::BLANK
+};
+
+impl Effect for TorqueBias {
+    fn description(&self) -> &'static Description {
+        &DESCRIPTION
+    }
+
+    fn resist(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance) {
+        out.smooth.value = theta[0];
+        out.smooth.d_theta[0] = 1.0;
+    }
+}

@@ -1,0 +1,493 @@
+//! Effects at their places in a system: how commands pass through them, what they add to a step, how their inner states move on,
+//! what is measured through them, and how they change the rigid bodies. Each way has its way back, from cotangents of what comes out
+//! to cotangents of what went in (Griewank and Walther 2008, chapter 3).
+//!
+//! The commands of one joint pass its effects in the order of their stages ([`Acts::Command`]), readings likewise; within a stage the
+//! order is that in which the effects were added.
+
+use std::ops::{Deref, DerefMut};
+
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+
+use crate::effects::{Acts, Advance, Force, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Transfer};
+use crate::joint::Motion;
+use crate::spatial::linear;
+use crate::step::StepWorkspace;
+use crate::{Multibody, Placement, SpatialInertia, State, System};
+
+/// One step as it was taken, for effects.
+#[derive(Debug, Clone, Copy)]
+pub struct Taken<'a> {
+    /// Where it started.
+    pub state: &'a State,
+    /// Next velocities.
+    pub next: &'a [f64],
+    /// Inputs that reached the joints: [`StepWorkspace::reached`].
+    pub tau: &'a [f64],
+    /// What came into each change of the command, by placement: [`StepWorkspace::seen`].
+    pub seen: &'a [f64],
+    /// Force of gravity, Coriolis and external forces: [`StepWorkspace::load`].
+    pub load: &'a [f64],
+    /// Its length, s.
+    pub dt: f64,
+}
+
+/// Cotangents to which the ways back add.
+#[derive(Debug)]
+pub struct Cotangents<'a> {
+    /// By the tangent of positions at the start, nv entries.
+    pub q: &'a mut [f64],
+    /// By velocities at the start.
+    pub v: &'a mut [f64],
+    /// By next velocities.
+    pub next: &'a mut [f64],
+    /// By inner states at the start.
+    pub z: &'a mut [f64],
+    /// By inputs that reached the joints.
+    pub tau: &'a mut [f64],
+    /// By the load.
+    pub load: &'a mut [f64],
+    /// By parameters of effects.
+    pub theta: &'a mut [f64],
+}
+
+impl Cotangents<'_> {
+    /// Adds what a cotangent of a value means for everything that it depends on, but for its input.
+    fn add(&mut self, placed: &Placement, value: &Partial, cotangent: f64) {
+        let k = placed.v;
+        if placed.q.is_some() {
+            self.q[k] += cotangent * value.d_q;
+        }
+        self.v[k] += cotangent * value.d_v;
+        self.next[k] += cotangent * value.d_next;
+        self.load[k] += cotangent * value.d_load;
+        for (z, d) in self.z[placed.z.clone()].iter_mut().zip(value.d_z) {
+            *z += cotangent * d;
+        }
+        for (theta, d) in self.theta[placed.theta.clone()].iter_mut().zip(value.d_theta) {
+            *theta += cotangent * d;
+        }
+    }
+}
+
+/// A base that gives way, in one step.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct BaseMotion {
+    /// Momentum along its direction, per velocity.
+    pub momentum: Vec<f64>,
+    /// Mass that it carries, kg.
+    pub carried: f64,
+    /// Force with which what it carries reacts at rest of all accelerations, without gravity, N.
+    pub reaction: f64,
+}
+
+/// How a base that gives way stands in a system.
+#[derive(Debug, Clone)]
+pub(crate) struct SwayPlace {
+    pub placement: usize,
+    /// The bodies that it carries.
+    pub bodies: Vec<bool>,
+}
+
+impl System {
+    fn instant<'a>(&self, placed: &Placement, taken: &Taken<'a>, input: f64) -> Instant<'a> {
+        let state = taken.state;
+        Instant {
+            q: placed.q.map_or(0.0, |q| state.q[q]),
+            v: state.v[placed.v],
+            next: taken.next[placed.v],
+            dt: taken.dt,
+            input,
+            load: taken.load.get(placed.v).copied().unwrap_or(0.0),
+            time: state.time,
+            z: &state.z[placed.z.clone()],
+        }
+    }
+
+    fn theta_of(&self, placed: &Placement) -> &[f64] {
+        &self.parameters()[placed.theta.clone()]
+    }
+
+    /// Takes the commands `ws.tau` on their way to the joints.
+    pub(crate) fn drive(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
+        for &i in &self.commands {
+            let placed = &self.placements()[i];
+            ws.seen[i] = ws.tau[placed.v];
+            let taken = Taken { state, next: &state.v, tau: &[], seen: &[], load: &[], dt };
+            let at = self.instant(placed, &taken, ws.seen[i]);
+            placed.effect.command(self.theta_of(placed), &at, &mut ws.transfer);
+            ws.tau[placed.v] = ws.transfer.output.value;
+        }
+    }
+
+    /// The way back through the commands: `tau` comes in as cotangents of what reached the joints and goes out as those of the
+    /// commands; `z_next` are cotangents of the next inner states.
+    pub fn drive_back(&self, taken: &Taken<'_>, z_next: &[f64], bar: &mut Cotangents<'_>) {
+        let mut transfer = Transfer::default();
+        for &i in self.commands.iter().rev() {
+            let placed = &self.placements()[i];
+            let (k, at) = (placed.v, self.instant(placed, taken, taken.seen[i]));
+            transfer.d_history.fill(0.0);
+            placed.effect.command(self.theta_of(placed), &at, &mut transfer);
+            let out = bar.tau[k];
+            bar.add(placed, &transfer.output, out);
+            if placed.effect.keeps_history() {
+                let history = placed.z.start + placed.effect.states();
+                for (z, d) in bar.z[history..history + HISTORY].iter_mut().zip(transfer.d_history) {
+                    *z += out * d;
+                }
+            }
+            let more = self.states_back(placed, &at, z_next, bar);
+            bar.tau[k] = out * transfer.output.d_input + more;
+        }
+    }
+
+    /// What one effect adds at the next velocities of a step.
+    pub(crate) fn resistance(&self, placed: &Placement, taken: &Taken<'_>) -> Resistance {
+        let mut out = Resistance::default();
+        if !matches!(placed.effect.description().acts, Acts::Joint | Acts::Losses) {
+            return out;
+        }
+        if placed.effect.description().acts == Acts::Losses {
+            self.add_wear(placed, taken, &mut out);
+            return out;
+        }
+        let input = taken.tau.get(placed.v).copied().unwrap_or(0.0);
+        placed.effect.resist(self.theta_of(placed), &self.instant(placed, taken, input), &mut out);
+        if placed.effect.description().wears {
+            let factor = self.wear(placed.v, taken, None);
+            if factor != 1.0 {
+                out.smooth = out.smooth * factor;
+                out.dry = out.dry.map(|d| d * factor);
+            }
+        }
+        out
+    }
+
+    /// The same without derivatives, for the step.
+    pub(crate) fn force(&self, placed: &Placement, taken: &Taken<'_>) -> Force {
+        let description = placed.effect.description();
+        if description.acts != Acts::Joint {
+            return Force::default();
+        }
+        let mut force = placed.effect.force(self.theta_of(placed), &self.instant(placed, taken, taken.tau[placed.v]));
+        if description.wears && !self.wears.is_empty() {
+            let factor = self.wear(placed.v, taken, None);
+            force.smooth = force.smooth.map(|f| f * factor);
+            force.dry = force.dry.map(|f| f * factor);
+        }
+        force
+    }
+
+    /// The factor on the losses of a degree of freedom; without one effect, if that is given.
+    fn wear(&self, v: usize, taken: &Taken<'_>, without: Option<usize>) -> f64 {
+        let factor = |&i: &usize| {
+            let wear = &self.placements()[i];
+            let counts = wear.v == v && Some(wear.theta.start) != without;
+            if counts { wear.effect.wear(self.theta_of(wear), taken.state.time + taken.dt).value } else { 1.0 }
+        };
+        self.wears.iter().map(factor).product()
+    }
+
+    /// The force that wear adds is counted with the effects that it scales; what is left for it is its derivative by its own
+    /// parameters.
+    fn add_wear(&self, placed: &Placement, taken: &Taken<'_>, out: &mut Resistance) {
+        let slope = placed.effect.wear(self.theta_of(placed), taken.state.time + taken.dt).d_theta;
+        let others = self.wear(placed.v, taken, Some(placed.theta.start));
+        let mut scaled = [0.0; 3];
+        for other in self.placements().iter().filter(|p| p.v == placed.v && p.effect.description().wears) {
+            let mut loss = Resistance::default();
+            let input = taken.tau.get(other.v).copied().unwrap_or(0.0);
+            other.effect.resist(self.theta_of(other), &self.instant(other, taken, input), &mut loss);
+            for (sum, part) in scaled.iter_mut().zip([loss.smooth, loss.dry[0], loss.dry[1]]) {
+                *sum += others * part.value;
+            }
+        }
+        let [forward, backward] = &mut out.dry;
+        for (part, scaled) in [&mut out.smooth, forward, backward].into_iter().zip(scaled) {
+            part.d_theta = slope.map(|d| d * scaled);
+        }
+    }
+
+    /// The way back through the forces of a step, `dtau`: `lambda` are the multipliers of the step's equations
+    /// `M (w - v) + dt (dtau + ...) = 0`, of which a loss takes `-lambda . dr`; zero where a coordinate is held.
+    pub fn resist_back(&self, taken: &Taken<'_>, lambda: &[f64], bar: &mut Cotangents<'_>) {
+        for placed in self.placements() {
+            let weight = -taken.dt * lambda[placed.v];
+            if weight == 0.0 {
+                continue;
+            }
+            let total = self.resistance(placed, taken).total(taken.next[placed.v]);
+            bar.add(placed, &total, weight);
+            bar.tau[placed.v] += weight * total.d_input;
+        }
+    }
+
+    /// Inner states after a step.
+    pub(crate) fn advance(&self, taken: &Taken<'_>, z: &mut [f64]) {
+        z.copy_from_slice(&taken.state.z);
+        for (i, placed) in self.placements().iter().enumerate() {
+            let states = placed.effect.states();
+            if states == 0 || placed.effect.description().acts == Acts::Base {
+                continue;
+            }
+            let mut out = Advance::default();
+            let at = self.instant(placed, taken, self.input_of(i, taken));
+            placed.effect.advance(self.theta_of(placed), &at, &mut out);
+            let z = &mut z[placed.z.clone()];
+            for (z, next) in z.iter_mut().zip(out.z).take(states) {
+                *z = next.value;
+            }
+            if let Some(sample) = out.sample {
+                z[states + sample.slot] = sample.value;
+                z[states + HISTORY + sample.slot] = sample.duration;
+            }
+        }
+    }
+
+    fn input_of(&self, i: usize, taken: &Taken<'_>) -> f64 {
+        let placed = &self.placements()[i];
+        match placed.effect.description().acts {
+            Acts::Command(_) => taken.seen[i],
+            _ => taken.tau.get(placed.v).copied().unwrap_or(0.0),
+        }
+    }
+
+    /// The way back through the inner states of all effects but those on the command, which are in [`Self::drive_back`]:
+    /// `z_next` are cotangents of the next inner states.
+    pub fn advance_back(&self, taken: &Taken<'_>, z_next: &[f64], bar: &mut Cotangents<'_>) {
+        for (i, placed) in self.placements().iter().enumerate() {
+            if placed.z.is_empty() || matches!(placed.effect.description().acts, Acts::Command(_) | Acts::Base) {
+                continue;
+            }
+            let at = self.instant(placed, taken, self.input_of(i, taken));
+            bar.tau[placed.v] += self.states_back(placed, &at, z_next, bar);
+        }
+    }
+
+    /// The way back through one effect's inner states; gives the cotangent of its input.
+    fn states_back(&self, placed: &Placement, at: &Instant<'_>, z_next: &[f64], bar: &mut Cotangents<'_>) -> f64 {
+        let (states, z_next) = (placed.effect.states(), &z_next[placed.z.clone()]);
+        if states == 0 {
+            return 0.0;
+        }
+        let mut out = Advance::default();
+        placed.effect.advance(self.theta_of(placed), at, &mut out);
+        let mut input = 0.0;
+        for (next, cotangent) in out.z.iter().zip(z_next).take(states) {
+            bar.add(placed, next, *cotangent);
+            input += cotangent * next.d_input;
+        }
+        if placed.effect.keeps_history() {
+            // All entries stay but the one that is written. Durations are no variables.
+            let first = placed.z.start + states;
+            for (slot, (z, next)) in bar.z[first..first + HISTORY].iter_mut().zip(&z_next[states..]).enumerate() {
+                match out.sample {
+                    Some(sample) if sample.slot == slot => {
+                        *z += next * sample.d_slot;
+                        input += next * sample.d_input;
+                    }
+                    _ => *z += next,
+                }
+            }
+        }
+        input
+    }
+
+    /// What the sensors of a joint read in a state. `v` is the joint's entry in velocities, `effort` the true one.
+    pub fn measure(&self, state: &State, effort: f64, v: usize) -> Reading {
+        let q = self.multibody().joints().iter().find(|j| j.v == (v..v + 1)).map_or(0.0, |j| state.q[j.q.start]);
+        let mut reading = Reading::perfect(q, state.v[v], effort, state.time);
+        for &i in &self.measurements {
+            if self.placements()[i].v == v {
+                reading = self.read(i, state, &reading);
+            }
+        }
+        reading
+    }
+
+    fn read(&self, i: usize, state: &State, incoming: &Reading) -> Reading {
+        let placed = &self.placements()[i];
+        let [position, velocity, effort, stamp] = [incoming.position, incoming.velocity, incoming.effort, incoming.stamp].map(|p| p.value);
+        let mut out = Reading::perfect(position, velocity, effort, stamp);
+        let z = &state.z[placed.z.clone()];
+        // Drifts go with the true time, whatever is stamped.
+        let at = Instant { time: state.time, ..Instant::at(position, velocity, effort, 0.0, stamp, z) };
+        placed.effect.measure(self.theta_of(placed), &at, &mut out);
+        out
+    }
+
+    /// The way back through the sensors of a joint. `reading` are cotangents of the position, velocity, effort and stamp that are
+    /// read; they go out as those of the true position, velocity, effort and time.
+    pub fn measure_back(&self, state: &State, effort: f64, v: usize, reading: &mut [f64; 4], z: &mut [f64], theta: &mut [f64]) {
+        let q = self.multibody().joints().iter().find(|j| j.v == (v..v + 1)).map_or(0.0, |j| state.q[j.q.start]);
+        let perfect = Reading::perfect(q, state.v[v], effort, state.time);
+        self.read_back(0, state, v, &perfect, reading, z, theta);
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn read_back(&self, from: usize, state: &State, v: usize, incoming: &Reading, bar: &mut [f64; 4], z: &mut [f64], theta: &mut [f64]) {
+        let Some(offset) = self.measurements[from..].iter().position(|&i| self.placements()[i].v == v) else { return };
+        let i = self.measurements[from + offset];
+        let out = self.read(i, state, incoming);
+        self.read_back(from + offset + 1, state, v, &out, bar, z, theta);
+        let placed = &self.placements()[i];
+        let mut before = [0.0, 0.0, 0.0, bar[3]];
+        for (value, bar) in [out.position, out.velocity, out.effort, out.stamp].iter().zip(*bar) {
+            for (sum, d) in before.iter_mut().zip([value.d_q, value.d_v, value.d_input]) {
+                *sum += bar * d;
+            }
+            for (z, d) in z[placed.z.clone()].iter_mut().zip(value.d_z) {
+                *z += bar * d;
+            }
+            for (theta, d) in theta[placed.theta.clone()].iter_mut().zip(value.d_theta) {
+                *theta += bar * d;
+            }
+        }
+        *bar = before;
+    }
+
+    /// What each effect on the rigid bodies changes, and of which joint (its placement): for the way from gradients by armatures,
+    /// inertias, axes and origins to those by the effects' parameters.
+    pub fn reshapes(&self) -> impl Iterator<Item = (&Placement, Reshape)> + '_ {
+        self.placements().iter().filter(|p| p.effect.description().acts == Acts::Bodies).map(|placed| {
+            let mut out = Reshape::default();
+            placed.effect.reshape(self.theta_of(placed), &mut out);
+            (placed, out)
+        })
+    }
+
+    /// Puts the changes of the rigid bodies on top of the bodies as they are given.
+    pub(crate) fn apply_reshapes(&mut self) {
+        let Some(given) = &self.given else { return };
+        let mut bodies = (**given).clone();
+        for (placed, change) in self.reshapes() {
+            let Some(b) = bodies.bodies.iter().position(|b| b.nv == 1 && b.v == placed.v && !b.follows) else { continue };
+            bodies.armature[placed.v] += change.armature.value;
+            let i = change.inertia.map(|p| p.value);
+            let I = Matrix3::new(i[4], i[5], i[6], i[5], i[7], i[8], i[6], i[8], i[9]);
+            bodies.inertia[b] += SpatialInertia { mass: i[0], h: Vector3::new(i[1], i[2], i[3]), I };
+            let body = &mut bodies.bodies[b];
+            if change.turn() != Vector3::zeros() {
+                let axis = Unit::new_normalize(Rotation3::new(change.turn()) * body.motion.axis);
+                body.motion = Motion::new(body.motion.kind, &axis);
+            }
+            body.p_PJ += body.R_PJ * change.shift();
+        }
+        self.multibody = bodies;
+    }
+
+    /// How the bases that give way are driven in this state. After the loads and composite inertias.
+    pub(crate) fn gather_bases(&self, ws: &mut StepWorkspace) {
+        for (place, base) in self.sways.iter().zip(&mut ws.bases) {
+            let placed = &self.placements()[place.placement];
+            let Some(sway) = placed.effect.sway(self.theta_of(placed)) else { continue };
+            let multibody = self.multibody();
+            base.momentum.fill(0.0);
+            (base.carried, base.reaction) = (0.0, 0.0);
+            for (i, body) in multibody.bodies.iter().enumerate().skip(1).filter(|(i, _)| place.bodies[*i]) {
+                let inertia = &ws.rigid.composite[i];
+                for k in 0..body.nv {
+                    let momentum = linear(&inertia.times(&ws.rigid.S[body.tree + k])).dot(&sway.direction);
+                    base.momentum[body.v + k] += momentum;
+                }
+                if !place.bodies[body.parent] {
+                    base.carried += inertia.mass;
+                    let weight = multibody.gravity * inertia.mass;
+                    base.reaction += (linear(&ws.rigid.F[i]) + weight).dot(&sway.direction);
+                }
+            }
+        }
+    }
+
+    /// Adds the bases that give way to the step's problem, condensed onto the joints' next velocities.
+    pub(crate) fn add_bases(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
+        for (place, base) in self.sways.iter().zip(&ws.bases) {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let n = base.momentum.len();
+            // The momentum that the base takes on is `p (rate+ - rate)`, with `rate+ = (free - p.w) / D`.
+            for (k, p) in base.momentum.iter().enumerate() {
+                for (j, other) in base.momentum.iter().enumerate() {
+                    ws.problem.A[k * n + j] -= p * other / motion.inertia;
+                }
+                ws.problem.b[k] -= p * (motion.free / motion.inertia - motion.rate);
+            }
+        }
+    }
+
+    /// Moves the bases on.
+    pub(crate) fn advance_bases(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
+        for (place, base) in self.sways.iter().zip(&ws.bases) {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let along: f64 = base.momentum.iter().zip(&ws.problem.v).map(|(p, w)| p * w).sum();
+            let rate = (motion.free - along) / motion.inertia;
+            let z = self.placements()[place.placement].z.start;
+            ws.z[z] = state.z[z] + 0.5 * dt * (motion.rate + rate);
+            ws.z[z + 1] = rate;
+        }
+    }
+
+    fn base_step(&self, place: &SwayPlace, base: &BaseMotion, state: &State, h: f64) -> Option<BaseStep> {
+        let placed = &self.placements()[place.placement];
+        let sway = placed.effect.sway(self.theta_of(placed))?;
+        let z = &state.z[placed.z.clone()];
+        let held = 0.25 * h * h * sway.stiffness.value + 0.5 * h * sway.damping.value;
+        let mass = sway.mass.value + base.carried;
+        let along: f64 = base.momentum.iter().zip(&state.v).map(|(p, v)| p * v).sum();
+        let free = (mass - held) * z[1] + along - h * (sway.stiffness.value * z[0] + base.reaction);
+        Some(BaseStep { inertia: mass + held, free, rate: z[1] })
+    }
+}
+
+/// A base's step: its next rate is `(free - p.w) / inertia`.
+struct BaseStep {
+    inertia: f64,
+    free: f64,
+    rate: f64,
+}
+
+/// The rigid bodies as they are given, to be changed. When it goes, effects that change the bodies are put on top again.
+#[derive(Debug)]
+pub struct MultibodyMut<'a>(pub(crate) &'a mut System);
+
+impl Deref for MultibodyMut<'_> {
+    type Target = Multibody;
+    fn deref(&self) -> &Multibody {
+        self.0.given.as_deref().unwrap_or(&self.0.multibody)
+    }
+}
+
+impl DerefMut for MultibodyMut<'_> {
+    fn deref_mut(&mut self) -> &mut Multibody {
+        self.0.given.as_deref_mut().unwrap_or(&mut self.0.multibody)
+    }
+}
+
+impl Drop for MultibodyMut<'_> {
+    fn drop(&mut self) {
+        self.0.apply_reshapes();
+    }
+}
+
+/// Parameters of effects, to be changed. When it goes, effects that change the rigid bodies do so with their new values.
+#[derive(Debug)]
+pub struct ParametersMut<'a>(pub(crate) &'a mut System);
+
+impl Deref for ParametersMut<'_> {
+    type Target = [f64];
+    fn deref(&self) -> &[f64] {
+        &self.0.theta
+    }
+}
+
+impl DerefMut for ParametersMut<'_> {
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.0.theta
+    }
+}
+
+impl Drop for ParametersMut<'_> {
+    fn drop(&mut self) {
+        self.0.apply_reshapes();
+    }
+}
