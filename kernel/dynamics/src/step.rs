@@ -28,7 +28,7 @@ pub enum Coriolis {
 }
 
 /// A joint beyond its limit is brought back over this many steps, and not with one blow.
-const RECOVERY_STEPS: f64 = 10.0;
+pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 
 /// Everything that changes while one system is stepped. Made once by [`System::workspace`].
 #[derive(Debug, Clone)]
@@ -37,7 +37,7 @@ pub struct StepWorkspace {
     pub(crate) problem: Problem,
     pub(crate) load: Vec<f64>,
     midpoint_load: Vec<f64>,
-    tau: Vec<f64>,
+    pub(crate) tau: Vec<f64>,
     q: Vec<f64>,
     z: Vec<f64>,
     pub(crate) contact: Option<Box<ContactWorkspace>>,

@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::{joint, link, model};
+use common::model;
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
-use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, Input, Part, State, StepWorkspace, System};
+use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, Input, Linearisation, Part, State, StepWorkspace, System};
 use sagci_model::ObjectModel;
 
 const G: f64 = 9.81;
@@ -198,4 +198,76 @@ fn energy_never_grows() {
         }
         assert!(state.q[6] > 0.0 && state.v.iter().all(|v| v.abs() < 50.0), "{state:?}");
     }
+}
+
+/// Largest difference between a step's derivatives and central differences, over the size of its row's entries.
+fn gradient_error(system: &System, ws: &mut StepWorkspace, state: &State, tau: &[f64], dt: f64, e: f64) -> f64 {
+    let multibody = system.multibody();
+    let n = multibody.nv();
+    let mut x = Linearisation::new(system);
+    let mut next = state.clone();
+    system.step_linearised(ws, &mut next, &Input { tau, external: &[] }, dt, &mut x).unwrap();
+    let mut worst = 0.0_f64;
+    let size = x.A.amax().max(x.B.amax());
+    for c in 0..3 * n {
+        let mut ends = Vec::new();
+        for sign in [1.0, -1.0] {
+            let (mut start, mut tau) = (state.clone(), tau.to_vec());
+            let mut step = vec![0.0; n];
+            step[c % n] = sign * e;
+            match c / n {
+                0 => multibody.integrate(&mut start.q, &step, 1.0).unwrap(),
+                1 => start.v[c % n] += sign * e,
+                _ => tau[c % n] += sign * e / dt,
+            }
+            system.step(ws, &mut start, &Input { tau: &tau, external: &[] }, dt).unwrap();
+            let mut q = vec![0.0; n];
+            multibody.difference(&next.q, &start.q, &mut q).unwrap();
+            ends.push((q, start.v));
+        }
+        for k in 0..n {
+            let scale = if c < 2 * n { 1.0 } else { dt };
+            let dq = (ends[0].0[k] - ends[1].0[k]) / (2.0 * e) * scale;
+            let dv = (ends[0].1[k] - ends[1].1[k]) / (2.0 * e) * scale;
+            let column = |r: usize| if c < 2 * n { x.A[(r, c)] } else { x.B[(r, c - 2 * n)] };
+            worst = worst.max((dq - column(k)).abs() / size).max((dv - column(n + k)).abs() / size);
+        }
+    }
+    worst
+}
+
+#[test]
+fn the_step_has_the_derivatives_that_it_says_with_contact_and_without() {
+    let shapes = [
+        cube("box", 1.0, [0.1, 0.15, 0.2]),
+        ball("ball", 0.5, 0.08),
+        solid("capsule", 0.7, [2e-3, 2e-3, 5e-4], "<capsule radius='0.04' length='0.2'/>"),
+        solid("cylinder", 0.7, [2e-3, 2e-3, 1e-3], "<cylinder radius='0.05' length='0.2'/>"),
+    ];
+    let (mut good, mut all, mut touching) = (0, 0, 0);
+    for seed in 0..8 {
+        let mut rng = common::random(seed + 50);
+        let base = cube("base", 2.0, [0.5, 0.5, 0.1]);
+        let material = ContactMaterial { stiffness: 2e4, dissipation: 1.0, friction: 0.4 };
+        let mut system = scene(&[&base, &shapes[seed as usize % 4]], ContactOptions { material, slip: 1e-3, ..ContactOptions::default() });
+        ground(&mut system, Vector3::z(), 0.3);
+        system.set_coriolis(Coriolis::AtStart);
+        let (mut ws, mut state) = (system.workspace(), system.state());
+        let turn = common::random_vector(6, 1.5, &mut rng);
+        place(&mut state, 0, Vector3::new(0.0, 0.0, 0.0501), UnitQuaternion::identity());
+        place(&mut state, 1, Vector3::new(0.05, 0.02, 0.3), UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]));
+        state.v[6..].copy_from_slice(&turn);
+        let tau = common::random_vector(12, 0.3, &mut rng);
+        for step in 0..600 {
+            if step % 12 == 0 {
+                let error = gradient_error(&system, &mut ws, &state, &tau, 2e-3, 1e-7);
+                all += 1;
+                touching += usize::from(ws.contacts(&system).any(|c| c.impulse_W.norm() > 0.0));
+                good += usize::from(error < 1e-6);
+            }
+            system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 2e-3).unwrap();
+        }
+    }
+    println!("derivatives agree in {good} of {all} states, {touching} of them with contact");
+    assert!(touching > 100 && good as f64 > 0.97 * all as f64, "{good} of {all}");
 }

@@ -152,8 +152,8 @@ impl ContactWorkspace {
         out.by_material[2] += moment(&(n * normal.by_dissipation - s * (law.friction * bound.by_dissipation)));
     }
 
-    /// Adds `-d(J^T F)/dq` (at fixed next velocity `w`) and `-d(J^T F)/dv` to two row-major nv x nv matrices.
-    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], by_q: &mut [f64], by_v: &mut [f64]) {
+    /// Adds `-d(J^T F)/dq` (at fixed next velocity `w`), `-d(J^T F)/dv` and `-d(J^T F)/dw` to row-major nv x nv matrices.
+    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], by_q: &mut [f64], by_v: &mut [f64], by_w: &mut [f64]) {
         let n = w.len();
         let (mut outward_w, mut outward_v) = (std::mem::take(&mut self.outward_w), std::mem::take(&mut self.outward_v));
         for (active, wrench) in self.active.iter().zip(&self.by_active) {
@@ -167,11 +167,12 @@ impl ContactWorkspace {
                 let mut dF = wrench.by_V * cross_motion(&X, &outward_w[j]) + wrench.by_V0 * cross_motion(&X, &outward_v[j]);
                 dF += if cj.moves_a { wrench.by_pose * X } else { wrench.by_pose_of_b(&X, &active.V, &active.V0) };
                 let still = dF - turned;
-                let dv = wrench.by_V0 * Jj;
+                let (dv, dw) = (wrench.by_V0 * Jj, wrench.by_V * Jj);
                 for (Ji, ci) in J.iter().zip(&group.columns) {
                     let outward = ci.moves_a == cj.moves_a && ci.body >= cj.body;
                     by_q[ci.v * n + cj.v] -= Ji.dot(if outward { &still } else { &dF });
                     by_v[ci.v * n + cj.v] -= Ji.dot(&dv);
+                    by_w[ci.v * n + cj.v] -= Ji.dot(&dw);
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Central differences of `J^T F` for random pairs of shapes, on trees with several kinds of joints.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector6};
+use nalgebra::{Isometry3, Unit, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sagci_model::ObjectModel;
@@ -132,9 +132,9 @@ fn dense_blocks_and_the_reverse_form_are_the_differences_of_the_joint_forces() {
                         Feature::Rim { .. } => "rim".into(),
                     })
                     .collect();
-                let (mut by_q, mut by_v) = (vec![0.0; n * n], vec![0.0; n * n]);
+                let (mut by_q, mut by_v, mut by_w) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
                 let contacts = bench.system.contacts.as_deref().unwrap();
-                bench.ws.add_dense(contacts, &w, &v, &mut by_q, &mut by_v);
+                bench.ws.add_dense(contacts, &w, &v, &mut by_q, &mut by_v, &mut by_w);
                 let lambda: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
                 let gradient = gradient(&bench, &w, &lambda);
                 let size = by_q.iter().chain(&by_v).fold(1e-3, |m: f64, x| m.max(x.abs()));
