@@ -200,13 +200,18 @@ fn energy_never_grows() {
     }
 }
 
-/// Largest difference between a step's derivatives and central differences, over the size of its row's entries.
-fn gradient_error(system: &System, ws: &mut StepWorkspace, state: &State, tau: &[f64], dt: f64, e: f64) -> f64 {
+/// Largest difference between a step's derivatives and central differences, over the size of the largest entry. `None` where a contact
+/// opens, closes, starts or stops to slide, or changes its corner within the differences.
+fn gradient_error(system: &System, ws: &mut StepWorkspace, state: &State, tau: &[f64], dt: f64, e: f64) -> Option<f64> {
+    let signature = |ws: &StepWorkspace| -> Vec<(u32, bool, bool, bool)> {
+        ws.contacts(system).map(|c| (c.id, c.sticks, c.depth > 0.0, c.impulse_W.norm() > 0.0)).collect()
+    };
     let multibody = system.multibody();
     let n = multibody.nv();
     let mut x = Linearisation::new(system);
     let mut next = state.clone();
-    system.step_linearised(ws, &mut next, &Input { tau, external: &[] }, dt, &mut x).unwrap();
+    system.linearise(ws, state, &Input { tau, external: &[] }, dt, &mut next, &mut x).unwrap();
+    let here = signature(ws);
     let mut worst = 0.0_f64;
     let size = x.A.amax().max(x.B.amax());
     for c in 0..3 * n {
@@ -221,6 +226,9 @@ fn gradient_error(system: &System, ws: &mut StepWorkspace, state: &State, tau: &
                 _ => tau[c % n] += sign * e / dt,
             }
             system.step(ws, &mut start, &Input { tau: &tau, external: &[] }, dt).unwrap();
+            if signature(ws) != here {
+                return None;
+            }
             let mut q = vec![0.0; n];
             multibody.difference(&next.q, &start.q, &mut q).unwrap();
             ends.push((q, start.v));
@@ -234,7 +242,7 @@ fn gradient_error(system: &System, ws: &mut StepWorkspace, state: &State, tau: &
             worst = worst.max((dq - column(k)).abs() / size).max((dv - column(n + k)).abs() / size);
         }
     }
-    worst
+    Some(worst)
 }
 
 #[test]
@@ -245,7 +253,7 @@ fn the_step_has_the_derivatives_that_it_says_with_contact_and_without() {
         solid("capsule", 0.7, [2e-3, 2e-3, 5e-4], "<capsule radius='0.04' length='0.2'/>"),
         solid("cylinder", 0.7, [2e-3, 2e-3, 1e-3], "<cylinder radius='0.05' length='0.2'/>"),
     ];
-    let (mut good, mut all, mut touching) = (0, 0, 0);
+    let (mut good, mut all, mut touching, mut switching) = (0, 0, 0, 0);
     for seed in 0..8 {
         let mut rng = common::random(seed + 50);
         let base = cube("base", 2.0, [0.5, 0.5, 0.1]);
@@ -261,22 +269,29 @@ fn the_step_has_the_derivatives_that_it_says_with_contact_and_without() {
         let tau = common::random_vector(12, 0.01, &mut rng);
         for step in 0..600 {
             if step % 12 == 0 {
-                let error = gradient_error(&system, &mut ws, &state, &tau, 2e-3, 1e-5);
                 all += 1;
-                touching += usize::from(ws.contacts(&system).any(|c| c.impulse_W.norm() > 0.0));
-                good += usize::from(error < 1e-6);
+                // Differences are too coarse where slopes change fast, and too fine for the solver's tolerance: the best of four.
+                let errors = [1e-4, 3e-5, 1e-5, 3e-6].map(|e| gradient_error(&system, &mut ws, &state, &tau, 2e-3, e));
+                match errors.into_iter().flatten().reduce(f64::min) {
+                    Some(error) => {
+                        assert!(error < 1e-6, "seed {seed}, step {step}: {error:e}");
+                        good += 1;
+                        touching += usize::from(ws.contacts(&system).any(|c| c.impulse_W.norm() > 0.0));
+                    }
+                    None => switching += 1,
+                }
             }
             system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 2e-3).unwrap();
         }
     }
-    println!("derivatives agree in {good} of {all} states, {touching} of them with contact");
-    assert!(touching > 100 && good as f64 > 0.97 * all as f64, "{good} of {all}");
+    println!("derivatives agree in {good} of {all} states, {touching} of them with contact; {switching} switch within the differences");
+    assert!(touching > 300 && switching < all / 10, "{good} {touching} {switching} of {all}");
 }
 
 /// Two equal balls on a line without gravity: gradients of the struck ball's last position by the first positions and velocities.
 fn two_balls(dt: f64, share: f64) -> ([f64; 4], [f64; 4], f64) {
     let (a, b) = (ball("a", 1.0, 0.1), ball("b", 1.0, 0.1));
-    let material = ContactMaterial { stiffness: 4e4, dissipation: 0.0, friction: 0.5 };
+    let material = ContactMaterial { stiffness: 1e3, dissipation: 0.0, friction: 0.5 };
     let mut system = scene(&[&a, &b], ContactOptions { material, share, ..ContactOptions::default() });
     system.multibody_mut().set_gravity(Vector3::zeros());
     system.set_coriolis(Coriolis::AtStart);
@@ -287,7 +302,8 @@ fn two_balls(dt: f64, share: f64) -> ([f64; 4], [f64; 4], f64) {
     let mut x = Linearisation::new(&system);
     let mut whole = nalgebra::DMatrix::<f64>::identity(2 * n, 2 * n);
     for _ in 0..(1.0 / dt).round() as usize {
-        system.step_linearised(&mut ws, &mut state, &Input::default(), dt, &mut x).unwrap();
+        let before = state.clone();
+        system.linearise(&mut ws, &before, &Input::default(), dt, &mut state, &mut x).unwrap();
         whole = &x.A * whole;
     }
     let row = |r: usize| [3, 9, n + 3, n + 9].map(|c| whole[(r, c)]);
@@ -296,12 +312,14 @@ fn two_balls(dt: f64, share: f64) -> ([f64; 4], [f64; 4], f64) {
 
 #[test]
 fn an_elastic_blow_hands_position_and_velocity_on_with_their_gradients() {
-    // The struck ball ends where the other one would have been: its position has the gradient (1, 0, 1, 0) over a second by
-    // (x_a, x_b, v_a, v_b), its velocity (0, 0, 1, 0). With depths taken at the start of each step a compliant blow keeps its energy.
-    let (position, velocity, speed) = two_balls(1e-4, 0.0);
-    assert!((speed - 1.0).abs() < 1e-3, "{speed}");
-    for (got, expected) in position.iter().zip([1.0, 0.0, 1.0, 0.0]).chain(velocity.iter().zip([0.0, 0.0, 1.0, 0.0])) {
-        assert!((got - expected).abs() < 0.02, "{position:?} {velocity:?}");
+    // Of two equal balls the struck one ends where the other would have been: after a second its position has the gradient
+    // (1, 0, 1, 0) by (x_a, x_b, v_a, v_b), its velocity (0, 0, 1, 0). A compliant blow takes the time T = pi sqrt(m / 2 k), whatever the
+    // speed, in which both move at half of it; that leaves (1, 0, 1 - T / 2, T / 2), and (1, 0, 1, 0) as T goes to nothing.
+    let (position, velocity, speed) = two_balls(1e-5, 0.0);
+    let lasts = std::f64::consts::PI * (1.0 / (2.0 * 500.0_f64)).sqrt();
+    assert!((speed - 1.0).abs() < 1e-4, "{speed}");
+    for (got, expected) in position.iter().zip([1.0, 0.0, 1.0 - 0.5 * lasts, 0.5 * lasts]).chain(velocity.iter().zip([0.0, 0.0, 1.0, 0.0])) {
+        assert!((got - expected).abs() < 5e-3, "{position:?} {velocity:?}");
     }
     // Taken ahead, the blow loses energy to the step, less with a smaller one.
     let (_, _, slow) = two_balls(1e-4, 1.0);
@@ -382,14 +400,13 @@ fn faults_are_named_and_nothing_is_left_not_a_number() {
 
 #[test]
 fn a_mesh_without_volume_is_an_error_that_names_its_link() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("flat.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n").unwrap();
-    let path = folder.path().join("object.urdf");
-    let urdf = "<robot name='sheet'><link name='leaf'><inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>\
-                <collision><geometry><mesh filename='flat.obj'/></geometry></collision></link></robot>";
-    std::fs::write(&path, urdf).unwrap();
-    let sheet = ObjectModel::read_urdf(path).unwrap();
+    let mut sheet = cube("sheet", 1.0, [0.1, 0.1, 0.1]);
+    let corner = |x: f64, y: f64| nalgebra::Point3::new(x, y, 0.0);
+    let vertices = vec![corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0), corner(1.0, 1.0)];
+    let mesh = sagci_model::TriangleMesh { vertices, triangles: vec![[0, 1, 2], [1, 3, 2]] };
+    sheet.links[0].collisions[0].geometry =
+        sagci_model::Geometry::Mesh { file: "flat.obj".into(), scale: Vector3::repeat(1.0), mesh: std::sync::Arc::new(mesh) };
     let parts = [Part::floating(&sheet)];
     let error = System::new(&parts).unwrap().with_contacts(&parts, ContactOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("sheet/leaf") && error.contains("volume"), "{error}");
+    assert!(error.contains("sheet/sheet") && error.contains("volume"), "{error}");
 }

@@ -87,8 +87,9 @@ impl Default for Seed {
 }
 
 impl ContactWorkspace {
-    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies. Call after a step (or with `V` set).
-    pub fn differentiate(&mut self) {
+    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies, at the next velocities `w`.
+    pub fn differentiate(&mut self, contacts: &Contacts, w: &[f64]) {
+        self.rates(contacts, w);
         let mut pairs = std::mem::take(&mut self.by_pair);
         let mut sums = std::mem::take(&mut self.by_active);
         pairs.clear();
@@ -152,9 +153,9 @@ impl ContactWorkspace {
         out.by_material[2] += moment(&(n * normal.by_dissipation - s * (law.friction * bound.by_dissipation)));
     }
 
-    /// Adds `-d(J^T F)/dq` (at fixed next velocity `w`), `-d(J^T F)/dv` and `-d(J^T F)/dw` to row-major nv x nv matrices.
-    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], by_q: &mut [f64], by_v: &mut [f64], by_w: &mut [f64]) {
-        let n = w.len();
+    /// Calls `add(i, k, values)` with what is to be added to row `i`, column `k` of three nv x nv matrices: `-d(J^T F)/dq` (at fixed
+    /// next velocity `w`), `-d(J^T F)/dv` and `-d(J^T F)/dw`.
+    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], mut add: impl FnMut(usize, usize, [f64; 3])) {
         let (mut outward_w, mut outward_v) = (std::mem::take(&mut self.outward_w), std::mem::take(&mut self.outward_v));
         for (active, wrench) in self.active.iter().zip(&self.by_active) {
             let group = &contacts.groups[active.group];
@@ -170,9 +171,8 @@ impl ContactWorkspace {
                 let (dv, dw) = (wrench.by_V0 * Jj, wrench.by_V * Jj);
                 for (Ji, ci) in J.iter().zip(&group.columns) {
                     let outward = ci.moves_a == cj.moves_a && ci.body >= cj.body;
-                    by_q[ci.v * n + cj.v] -= Ji.dot(if outward { &still } else { &dF });
-                    by_v[ci.v * n + cj.v] -= Ji.dot(&dv);
-                    by_w[ci.v * n + cj.v] -= Ji.dot(&dw);
+                    let by_q = Ji.dot(if outward { &still } else { &dF });
+                    add(ci.v, cj.v, [-by_q, -Ji.dot(&dv), -Ji.dot(&dw)]);
                 }
             }
         }

@@ -583,6 +583,8 @@ pub(crate) fn rod(
             crossing = Some((gap, k));
         }
     }
+    // Beside a face, only a crossing that parts the two as well says anything.
+    let crossing = crossing.filter(|(gap, _)| face.0 <= 0.0 || *gap > 0.0);
     let touching = |p: &Vector3<f64>| nearest(b, at, p);
     let (near0, near1) = (touching(&ends[0]), touching(&ends[1]));
     let inside = face.0 <= 0.0 && crossing.is_none_or(|(g, _)| g <= 0.0) && (near0.0 <= 0.0 || near1.0 <= 0.0 || crossing.is_some());

@@ -44,13 +44,12 @@ impl Bench {
         let multibody = self.system.multibody();
         multibody.set_state(&mut self.rigid, q, v).unwrap();
         self.ws.find(contacts, multibody, &self.rigid, 1e-2);
-        self.ws.rates(contacts, w);
         if let Some(ids) = ids
             && !self.ws.points.iter().map(|p| &p.found.id).eq(ids)
         {
             return None;
         }
-        self.ws.differentiate();
+        self.ws.differentiate(contacts, w);
         let mut out = vec![0.0; w.len()];
         for (active, wrench) in self.ws.active.iter().zip(&self.ws.by_active) {
             let group = &contacts.groups[active.group];
@@ -134,7 +133,11 @@ fn dense_blocks_and_the_reverse_form_are_the_differences_of_the_joint_forces() {
                     .collect();
                 let (mut by_q, mut by_v, mut by_w) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
                 let contacts = bench.system.contacts.as_deref().unwrap();
-                bench.ws.add_dense(contacts, &w, &v, &mut by_q, &mut by_v, &mut by_w);
+                bench.ws.add_dense(contacts, &w, &v, |i, k, [q, v, w]| {
+                    by_q[i * n + k] += q;
+                    by_v[i * n + k] += v;
+                    by_w[i * n + k] += w;
+                });
                 let lambda: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
                 let gradient = gradient(&bench, &w, &lambda);
                 let size = by_q.iter().chain(&by_v).fold(1e-3, |m: f64, x| m.max(x.abs()));
