@@ -145,7 +145,8 @@ impl System {
         }
         x.H.copy_from_slice(&ws.problem.A);
         if let (Some(contacts), Some(contact)) = (&self.contacts, &mut ws.contact) {
-            contact.differentiate(contacts, w);
+            contact.rates(contacts, w);
+            contact.differentiate();
             let change = &mut x.change;
             contact.add_dense(contacts, w, &state.v, |i, k, [by_q, by_v, by_w]| {
                 change[i * 3 * n + k] += by_q;

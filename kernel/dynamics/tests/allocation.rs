@@ -9,7 +9,8 @@ use std::cell::Cell;
 use common::{menagerie, panda, welded};
 use nalgebra::{DMatrix, Matrix6xX, Point3};
 use sagci_dynamics::{
-    Adjoint, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation, Part, RigidGradient, RigidParameter, System,
+    Adjoint, ContactMaterial, ContactOptions, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation, Part,
+    RigidGradient, RigidParameter, System,
 };
 use sagci_model::EffectEntry;
 
@@ -82,4 +83,37 @@ fn stepping_and_every_algorithm_allocate_nothing() {
         multibody.set_positions(&mut rigid, &state.q).unwrap();
     }
     assert_eq!(COUNT.with(Cell::get) - before, 0);
+}
+
+#[test]
+fn steps_with_contact_allocate_nothing() {
+    let shape = |name: &str, geometry: &str| {
+        let inside = format!(
+            "<link name='{name}'><inertial><mass value='1'/><inertia ixx='.01' ixy='0' ixz='0' iyy='.01' iyz='0' izz='.01'/></inertial>\
+             <collision><geometry>{geometry}</geometry></collision></link>"
+        );
+        common::model(name, &inside)
+    };
+    let models = [
+        shape("box", "<box size='.2 .2 .2'/>"),
+        shape("ball", "<sphere radius='.1'/>"),
+        shape("capsule", "<capsule radius='.05' length='.2'/>"),
+        shape("cylinder", "<cylinder radius='.1' length='.2'/>"),
+    ];
+    let parts: Vec<Part<'_>> = models.iter().map(Part::floating).collect();
+    let mut system = System::new(&parts).unwrap().with_contacts(&parts, ContactOptions::default()).unwrap();
+    system.add_ground("ground", nalgebra::Vector3::zeros(), nalgebra::Vector3::z_axis(), ContactMaterial::default()).unwrap();
+    let (mut ws, mut state) = (system.workspace(), system.state());
+    for k in 0..4 {
+        state.q[7 * k + 4] = 0.03 * k as f64;
+        state.q[7 * k + 6] = 0.1 + 0.25 * k as f64;
+    }
+    let before = COUNT.with(Cell::get);
+    let mut touching = 0;
+    for _ in 0..2000 {
+        system.step(&mut ws, &mut state, &Input::default(), 1e-3).unwrap();
+        touching += ws.contacts(&system).count();
+    }
+    assert_eq!(COUNT.with(Cell::get) - before, 0);
+    assert!(touching > 4000, "{touching}");
 }

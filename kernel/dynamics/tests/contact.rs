@@ -272,20 +272,21 @@ fn the_step_has_the_derivatives_that_it_says_with_contact_and_without() {
                 all += 1;
                 // Differences are too coarse where slopes change fast, and too fine for the solver's tolerance: the best of four.
                 let errors = [1e-4, 3e-5, 1e-5, 3e-6].map(|e| gradient_error(&system, &mut ws, &state, &tau, 2e-3, e));
-                match errors.into_iter().flatten().reduce(f64::min) {
-                    Some(error) => {
-                        assert!(error < 1e-6, "seed {seed}, step {step}: {error:e}");
-                        good += 1;
-                        touching += usize::from(ws.contacts(&system).any(|c| c.impulse_W.norm() > 0.0));
-                    }
-                    None => switching += 1,
+                let best = errors.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+                if best < 1e-6 {
+                    good += 1;
+                    touching += usize::from(ws.contacts(&system).any(|c| c.impulse_W.norm() > 0.0));
+                } else {
+                    // Only where something switches within the differences.
+                    assert!(errors.iter().any(Option::is_none), "seed {seed}, step {step}: {errors:?}");
+                    switching += 1;
                 }
             }
             system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 2e-3).unwrap();
         }
     }
     println!("derivatives agree in {good} of {all} states, {touching} of them with contact; {switching} switch within the differences");
-    assert!(touching > 300 && switching < all / 10, "{good} {touching} {switching} of {all}");
+    assert!(touching > 300 && switching < all / 50, "{good} {touching} {switching} of {all}");
 }
 
 /// Two equal balls on a line without gravity: gradients of the struck ball's last position by the first positions and velocities.
@@ -318,7 +319,8 @@ fn an_elastic_blow_hands_position_and_velocity_on_with_their_gradients() {
     let (position, velocity, speed) = two_balls(1e-5, 0.0);
     let lasts = std::f64::consts::PI * (1.0 / (2.0 * 500.0_f64)).sqrt();
     assert!((speed - 1.0).abs() < 1e-4, "{speed}");
-    for (got, expected) in position.iter().zip([1.0, 0.0, 1.0 - 0.5 * lasts, 0.5 * lasts]).chain(velocity.iter().zip([0.0, 0.0, 1.0, 0.0])) {
+    for (got, expected) in position.iter().zip([1.0, 0.0, 1.0 - 0.5 * lasts, 0.5 * lasts]).chain(velocity.iter().zip([0.0, 0.0, 1.0, 0.0]))
+    {
         assert!((got - expected).abs() < 5e-3, "{position:?} {velocity:?}");
     }
     // Taken ahead, the blow loses energy to the step, less with a smaller one.

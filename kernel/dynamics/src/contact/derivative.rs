@@ -68,6 +68,7 @@ impl Wrench {
 
 /// What [`ContactWorkspace::reverse`] gives for one body: spatial force vectors in the world, at its origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(dead_code)] // Taken up by the reverse step.
 pub(crate) struct Seed {
     /// By a small twist of the body, its velocities held.
     pub pose: SpatialVector,
@@ -87,9 +88,9 @@ impl Default for Seed {
 }
 
 impl ContactWorkspace {
-    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies, at the next velocities `w`.
-    pub fn differentiate(&mut self, contacts: &Contacts, w: &[f64]) {
-        self.rates(contacts, w);
+    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies, at the velocities of the last
+    /// [`Self::rates`].
+    pub fn differentiate(&mut self) {
         let mut pairs = std::mem::take(&mut self.by_pair);
         let mut sums = std::mem::take(&mut self.by_active);
         pairs.clear();
@@ -201,6 +202,7 @@ impl ContactWorkspace {
 
     /// The gradient of `L = lambda^T J^T F`, the contacts' part of `-lambda . r`: adds what each body's pose and velocities give to the
     /// seeds (entry 0 is the world). The sweep of the rigid bodies carries them on to joints, axes and origins.
+    #[allow(dead_code)] // For the reverse step.
     pub fn reverse(&self, contacts: &Contacts, lambda: &[f64], seeds: &mut [Seed]) {
         for (active, wrench) in self.active.iter().zip(&self.by_active) {
             let group = &contacts.groups[active.group];
@@ -219,6 +221,7 @@ impl ContactWorkspace {
 
     /// The gradient of the same `L` by friction, stiffness and dissipation of each touching pair, and by twists of its two shapes in
     /// the world (at its origin): calls `out(pair, material, of_a, of_b)`.
+    #[allow(dead_code)] // For the reverse step.
     pub fn reverse_parameters(
         &self,
         contacts: &Contacts,
@@ -236,17 +239,10 @@ impl ContactWorkspace {
     }
 
     /// `J x` of a group.
-    fn relative(&self, contacts: &Contacts, group: usize, x: &[f64]) -> SpatialVector {
+    #[allow(dead_code)] // For the reverse step.
+    pub fn relative(&self, contacts: &Contacts, group: usize, x: &[f64]) -> SpatialVector {
         let group = &contacts.groups[group];
         self.J[group.start..].iter().zip(&group.columns).fold(SpatialVector::zeros(), |sum, (J, c)| sum + J * x[c.v])
-    }
-
-    /// Adds `J^T F` of a change of one touching pair's wrench to a vector by velocity.
-    pub fn add_joint_forces(&self, contacts: &Contacts, touching: usize, dF: &SpatialVector, out: &mut [f64]) {
-        let group = &contacts.groups[self.active[self.touching[touching].slot].group];
-        for (J, c) in self.J[group.start..].iter().zip(&group.columns) {
-            out[c.v] += J.dot(dF);
-        }
     }
 }
 
