@@ -69,6 +69,37 @@ pub fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
     }
 }
 
+/// Solves `A X = B` by Gaussian elimination with pivots, both row-major and changed: `A` is `n x n`, `B` has rows of `width` and
+/// becomes `X`. A zero pivot gives numbers that are not finite.
+pub(crate) fn eliminate(A: &mut [f64], n: usize, B: &mut [f64], width: usize) {
+    for k in 0..n {
+        let pivot = (k..n).max_by(|i, j| A[i * n + k].abs().total_cmp(&A[j * n + k].abs())).unwrap_or(k);
+        if pivot != k {
+            for j in 0..n {
+                A.swap(k * n + j, pivot * n + j);
+            }
+            for j in 0..width {
+                B.swap(k * width + j, pivot * width + j);
+            }
+        }
+        for i in k + 1..n {
+            let factor = A[i * n + k] / A[k * n + k];
+            for j in k..n {
+                A[i * n + j] -= factor * A[k * n + j];
+            }
+            for j in 0..width {
+                B[i * width + j] -= factor * B[k * width + j];
+            }
+        }
+    }
+    for k in (0..n).rev() {
+        for j in 0..width {
+            let sum: f64 = (k + 1..n).map(|i| A[k * n + i] * B[i * width + j]).sum();
+            B[k * width + j] = (B[k * width + j] - sum) / A[k * n + k];
+        }
+    }
+}
+
 /// Factors the symmetric, row-major `n x n` matrix `A`, of which the lower triangle is given, as `L^T D L` in place (Featherstone
 /// 2008, section 6.5). `before[i]` is the row that row `i` stands on, plus one, and zero for a root: `A` must be zero between
 /// rows of different branches, and `L` is then too. The diagonal takes `1 / D`.

@@ -90,7 +90,7 @@ pub(crate) struct SwayPlace {
 }
 
 impl System {
-    fn instant<'a>(&self, placed: &Placement, taken: &Taken<'a>, input: f64) -> Instant<'a> {
+    pub(crate) fn instant<'a>(&self, placed: &Placement, taken: &Taken<'a>, input: f64) -> Instant<'a> {
         let state = taken.state;
         Instant {
             q: placed.q.map_or(0.0, |q| state.q[q]),
@@ -104,7 +104,7 @@ impl System {
         }
     }
 
-    fn theta_of(&self, placed: &Placement) -> &[f64] {
+    pub(crate) fn theta_of(&self, placed: &Placement) -> &[f64] {
         &self.parameters()[placed.theta.clone()]
     }
 
@@ -245,7 +245,7 @@ impl System {
         }
     }
 
-    fn input_of(&self, i: usize, taken: &Taken<'_>) -> f64 {
+    pub(crate) fn input_of(&self, i: usize, taken: &Taken<'_>) -> f64 {
         let placed = &self.placements()[i];
         match placed.effect.description().acts {
             Acts::Command(_) => taken.seen[i],

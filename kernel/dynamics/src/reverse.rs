@@ -22,15 +22,15 @@ use crate::contact::Contacts;
 use crate::contact::derivative::Seed;
 use crate::contact::solver::ContactWorkspace;
 use crate::joint::matrix;
-use crate::linear::{cholesky, cholesky_solve};
+use crate::linear::{cholesky, cholesky_solve, eliminate};
 use crate::parameter::left_jacobian;
 use crate::placed::{Cotangents, Taken};
 use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
 use crate::{
-    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System,
-    Workspace, cross_force,
+    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System, Workspace,
+    cross_force,
 };
 
 /// Cotangents of a state: what a loss changes by, per change of each entry.
@@ -308,9 +308,11 @@ impl System {
     pub(crate) fn reshapes_back(&self, natural: &mut NaturalGradient) {
         let multibody = self.multibody();
         for (placed, change) in self.reshapes() {
-            let Some(mount) = multibody.mounts.iter().position(|m| {
-                m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v && !multibody.bodies[m.body].follows
-            }) else {
+            let Some(mount) = multibody
+                .mounts
+                .iter()
+                .position(|m| m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v && !multibody.bodies[m.body].follows)
+            else {
                 continue;
             };
             let (by_axis, by_origin) = (natural.rigid.axis[mount], natural.rigid.origin[mount]);
@@ -352,15 +354,19 @@ impl System {
         ws.w.copy_from_slice(&ws.next.v);
         ws.tau_bar.fill(0.0);
         let taken = record.taken(&last.w, dt);
-        self.advance_back(&taken, &ws.next.z, &mut Cotangents {
-            q: &mut bar.q,
-            v: &mut bar.v,
-            next: &mut ws.w,
-            z: &mut bar.z,
-            tau: &mut ws.tau_bar,
-            load: &mut ws.load_bar,
-            theta: &mut ws.theta,
-        });
+        self.advance_back(
+            &taken,
+            &ws.next.z,
+            &mut Cotangents {
+                q: &mut bar.q,
+                v: &mut bar.v,
+                next: &mut ws.w,
+                z: &mut bar.z,
+                tau: &mut ws.tau_bar,
+                load: &mut ws.load_bar,
+                theta: &mut ws.theta,
+            },
+        );
         multibody.pull_integrate(&last.w, dt, &ws.next.q, &mut bar.q, &mut ws.w);
         if twice {
             ws.first.fill(0.0);
@@ -377,15 +383,19 @@ impl System {
             }
         }
         self.reverse_solve(ws, record, true, dt, bar, input);
-        self.drive_back(&taken, &ws.next.z, &mut Cotangents {
-            q: &mut bar.q,
-            v: &mut bar.v,
-            next: &mut ws.spare,
-            z: &mut bar.z,
-            tau: &mut ws.tau_bar,
-            load: &mut ws.load_bar,
-            theta: &mut ws.theta,
-        });
+        self.drive_back(
+            &taken,
+            &ws.next.z,
+            &mut Cotangents {
+                q: &mut bar.q,
+                v: &mut bar.v,
+                next: &mut ws.spare,
+                z: &mut bar.z,
+                tau: &mut ws.tau_bar,
+                load: &mut ws.load_bar,
+                theta: &mut ws.theta,
+            },
+        );
         for (to, from) in input.tau_bar.iter_mut().zip(&ws.tau_bar) {
             *to += from;
         }
@@ -508,7 +518,7 @@ impl System {
     }
 
     /// Over how many steps a limit takes its coordinate to itself.
-    fn wall_steps(&self, k: usize, state: &State, w: f64) -> f64 {
+    pub(crate) fn wall_steps(&self, k: usize, state: &State, w: f64) -> f64 {
         let Some(joint) = self.multibody().joints().iter().find(|j| j.v.start == k) else { return 1.0 };
         let (q, [lower, upper]) = (state.q[joint.q.start], self.walls[k]);
         if (q < lower && w > 0.0) || (q > upper && w < 0.0) { RECOVERY_STEPS } else { 1.0 }
@@ -534,31 +544,6 @@ fn spread(held: &[Held], x: &[f64], out: &mut [f64]) {
             *out = x[m];
             m += 1;
         }
-    }
-}
-
-/// Solves `A x = b` in place by Gaussian elimination with pivots. A zero pivot gives numbers that are not finite, which the rollout
-/// reports.
-fn eliminate(A: &mut [f64], n: usize, b: &mut [f64]) {
-    for k in 0..n {
-        let pivot = (k..n).max_by(|i, j| A[i * n + k].abs().total_cmp(&A[j * n + k].abs())).unwrap_or(k);
-        if pivot != k {
-            for j in 0..n {
-                A.swap(k * n + j, pivot * n + j);
-            }
-            b.swap(k, pivot);
-        }
-        for i in k + 1..n {
-            let factor = A[i * n + k] / A[k * n + k];
-            for j in k..n {
-                A[i * n + j] -= factor * A[k * n + j];
-            }
-            b[i] -= factor * b[k];
-        }
-    }
-    for k in (0..n).rev() {
-        let sum: f64 = (k + 1..n).map(|j| A[k * n + j] * b[j]).sum();
-        b[k] = (b[k] - sum) / A[k * n + k];
     }
 }
 
@@ -611,7 +596,7 @@ impl System {
         if cholesky(&mut factor[..m * m], m).is_ok() {
             cholesky_solve(factor, m, &mut rhs[..m]);
         } else {
-            eliminate(&mut whole[..m * m], m, &mut rhs[..m]);
+            eliminate(&mut whole[..m * m], m, &mut rhs[..m], 1);
         }
     }
 

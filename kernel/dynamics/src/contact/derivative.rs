@@ -87,7 +87,8 @@ impl Default for Seed {
 }
 
 impl ContactWorkspace {
-    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies. Call after a step (or with `V` set).
+    /// Wrench and derivatives of each touching pair of shapes, and their sums by pair of bodies, at the velocities of the last
+    /// [`Self::rates`].
     pub fn differentiate(&mut self) {
         let mut pairs = std::mem::take(&mut self.by_pair);
         let mut sums = std::mem::take(&mut self.by_active);
@@ -152,9 +153,9 @@ impl ContactWorkspace {
         out.by_material[2] += moment(&(n * normal.by_dissipation - s * (law.friction * bound.by_dissipation)));
     }
 
-    /// Adds `-d(J^T F)/dq` (at fixed next velocity `w`) and `-d(J^T F)/dv` to two row-major nv x nv matrices.
-    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], by_q: &mut [f64], by_v: &mut [f64]) {
-        let n = w.len();
+    /// Calls `add(i, k, values)` with what is to be added to row `i`, column `k` of three nv x nv matrices: `-d(J^T F)/dq` (at fixed
+    /// next velocity `w`), `-d(J^T F)/dv` and `-d(J^T F)/dw`.
+    pub fn add_dense(&mut self, contacts: &Contacts, w: &[f64], v: &[f64], mut add: impl FnMut(usize, usize, [f64; 3])) {
         let (mut outward_w, mut outward_v) = (std::mem::take(&mut self.outward_w), std::mem::take(&mut self.outward_v));
         for (active, wrench) in self.active.iter().zip(&self.by_active) {
             let group = &contacts.groups[active.group];
@@ -167,11 +168,11 @@ impl ContactWorkspace {
                 let mut dF = wrench.by_V * cross_motion(&X, &outward_w[j]) + wrench.by_V0 * cross_motion(&X, &outward_v[j]);
                 dF += if cj.moves_a { wrench.by_pose * X } else { wrench.by_pose_of_b(&X, &active.V, &active.V0) };
                 let still = dF - turned;
-                let dv = wrench.by_V0 * Jj;
+                let (dv, dw) = (wrench.by_V0 * Jj, wrench.by_V * Jj);
                 for (Ji, ci) in J.iter().zip(&group.columns) {
                     let outward = ci.moves_a == cj.moves_a && ci.body >= cj.body;
-                    by_q[ci.v * n + cj.v] -= Ji.dot(if outward { &still } else { &dF });
-                    by_v[ci.v * n + cj.v] -= Ji.dot(&dv);
+                    let by_q = Ji.dot(if outward { &still } else { &dF });
+                    add(ci.v, cj.v, [-by_q, -Ji.dot(&dv), -Ji.dot(&dw)]);
                 }
             }
         }
@@ -238,14 +239,6 @@ impl ContactWorkspace {
     pub(crate) fn relative(&self, contacts: &Contacts, group: usize, x: &[f64]) -> SpatialVector {
         let group = &contacts.groups[group];
         self.J[group.start..].iter().zip(&group.columns).fold(SpatialVector::zeros(), |sum, (J, c)| sum + J * x[c.v])
-    }
-
-    /// Adds `J^T F` of a change of one touching pair's wrench to a vector by velocity.
-    pub fn add_joint_forces(&self, contacts: &Contacts, touching: usize, dF: &SpatialVector, out: &mut [f64]) {
-        let group = &contacts.groups[self.active[self.touching[touching].slot].group];
-        for (J, c) in self.J[group.start..].iter().zip(&group.columns) {
-            out[c.v] += J.dot(dF);
-        }
     }
 }
 

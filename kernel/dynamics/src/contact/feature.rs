@@ -121,7 +121,8 @@ impl Feature {
                 let m = across / size;
                 // d(across) = -(n . da) a - (n . a) da with da = turn x a = -[a] turn.
                 let da = -skew(axis);
-                let turned = (Matrix3::identity() - m * m.transpose()) * (axis * (n.transpose() * da) + da * n.dot(axis)) * (*radius / size);
+                let turned =
+                    (Matrix3::identity() - m * m.transpose()) * (axis * (n.transpose() * da) + da * n.dot(axis)) * (*radius / size);
                 let mut moved = carried(&Matrix3::identity(), center);
                 let mut turn = moved.fixed_view_mut::<3, 3>(0, 0);
                 turn += turned;

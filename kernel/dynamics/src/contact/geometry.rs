@@ -146,7 +146,10 @@ pub(crate) fn of_parts(multibody: &Multibody, parts: &[Part<'_>], options: &Cont
 }
 
 fn solids(shape: &Shape, name: &str) -> Result<Vec<Solid>, DynamicsError> {
-    let flat = |what: &str| DynamicsError::Shape { place: name.into(), message: format!("has a {what} without volume, which cannot touch anything") };
+    let flat = |what: &str| DynamicsError::Shape {
+        place: name.into(),
+        message: format!("has a {what} without volume, which cannot touch anything"),
+    };
     Ok(match &shape.geometry {
         Form::Box { half_extents } => {
             let hull = Polytope::cuboid(half_extents).ok_or_else(|| flat("box"))?;
@@ -228,10 +231,7 @@ fn connected_parts(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Vec<usize>> {
 pub(crate) fn pairs(multibody: &Multibody, geometries: &[Geometry], excluded: &[[usize; 2]]) -> Vec<Pair> {
     let joined = |a: &Geometry, b: &Geometry| {
         let body = &multibody.bodies[b.body];
-        b.body != 0
-            && body.parent == a.body
-            && body.motion.kind != JointKind::Floating
-            && (a.body != 0 || a.part == b.part)
+        b.body != 0 && body.parent == a.body && body.motion.kind != JointKind::Floating && (a.body != 0 || a.part == b.part)
     };
     let mut out = Vec::new();
     for i in 0..geometries.len() {

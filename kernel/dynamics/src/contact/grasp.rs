@@ -71,8 +71,8 @@ impl Held {
     pub fn slope(&self, V: &SpatialVector) -> Matrix6<f64> {
         let x = self.rate(V);
         let mut K = Matrix6::zeros();
-        for i in 0..2 {
-            let dg = self.limited(i, &(self.y0[i] - self.C[i].component_mul(&x[i]))).1;
+        for (i, x) in x.iter().enumerate() {
+            let dg = self.limited(i, &(self.y0[i] - self.C[i].component_mul(x))).1;
             let G = self.E * dg * Matrix3::from_diagonal(&self.C[i]) * self.E.transpose();
             if i == 0 {
                 let mut corner = K.fixed_view_mut::<3, 3>(0, 0);

@@ -82,17 +82,7 @@ impl ContactMaterial {
         let (mu, nu) = (self.friction, other.friction);
         let s = k + l;
         let friction = if mu + nu > 0.0 { 2.0 * nu * nu / ((mu + nu) * (mu + nu)) } else { 0.0 };
-        Matrix3::new(
-            l * l / (s * s),
-            0.0,
-            0.0,
-            l * (other.dissipation - self.dissipation) / (s * s),
-            l / s,
-            0.0,
-            0.0,
-            0.0,
-            friction,
-        )
+        Matrix3::new(l * l / (s * s), 0.0, 0.0, l * (other.dissipation - self.dissipation) / (s * s), l / s, 0.0, 0.0, 0.0, friction)
     }
 }
 
@@ -266,7 +256,13 @@ impl System {
     ///
     /// # Errors
     /// A material out of its bounds; a point or normal that is not finite.
-    pub fn add_ground(&mut self, name: &str, p_W: Vector3<f64>, n_W: UnitVector3<f64>, material: ContactMaterial) -> Result<(), DynamicsError> {
+    pub fn add_ground(
+        &mut self,
+        name: &str,
+        p_W: Vector3<f64>,
+        n_W: UnitVector3<f64>,
+        material: ContactMaterial,
+    ) -> Result<(), DynamicsError> {
         let rotation = nalgebra::UnitQuaternion::rotation_between(&Vector3::z(), &n_W)
             .unwrap_or_else(|| nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
         let X_WG = Isometry3::from_parts(p_W.into(), rotation);
@@ -306,7 +302,11 @@ impl System {
         let numbers = grasp.stiffness.iter().chain(grasp.damping.iter()).map(|x| (*x, x.is_finite()));
         for (value, finite) in numbers.chain(grasp.limit.iter().map(|x| (*x, true))) {
             if !(value >= 0.0 && finite) {
-                return Err(DynamicsError::OutOfBounds { what: "a number of the grasp".into(), value, must: "finite and not negative".into() });
+                return Err(DynamicsError::OutOfBounds {
+                    what: "a number of the grasp".into(),
+                    value,
+                    must: "finite and not negative".into(),
+                });
             }
         }
         let frames = &self.multibody().frames;
@@ -333,7 +333,13 @@ impl System {
 }
 
 /// Pose of a grasp's frame in the world.
-pub(crate) fn frame_in_world(multibody: &Multibody, link: LinkId, X_LF: &Isometry3<f64>, R_WB: &[Matrix3<f64>], p_WB: &[Vector3<f64>]) -> (Matrix3<f64>, Vector3<f64>) {
+pub(crate) fn frame_in_world(
+    multibody: &Multibody,
+    link: LinkId,
+    X_LF: &Isometry3<f64>,
+    R_WB: &[Matrix3<f64>],
+    p_WB: &[Vector3<f64>],
+) -> (Matrix3<f64>, Vector3<f64>) {
     let frame = &multibody.frames[link.0];
     let X_BF = frame.X_BL * X_LF;
     let R = &R_WB[frame.body];

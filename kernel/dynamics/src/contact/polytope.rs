@@ -77,7 +77,13 @@ impl Polytope {
     /// A box.
     pub fn cuboid(half: &Vector3<f64>) -> Option<Self> {
         let vertices = (0..8)
-            .map(|i| Vector3::new(if i & 1 == 0 { -half.x } else { half.x }, if i & 2 == 0 { -half.y } else { half.y }, if i & 4 == 0 { -half.z } else { half.z }))
+            .map(|i| {
+                Vector3::new(
+                    if i & 1 == 0 { -half.x } else { half.x },
+                    if i & 2 == 0 { -half.y } else { half.y },
+                    if i & 4 == 0 { -half.z } else { half.z },
+                )
+            })
             .collect();
         let faces = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]].map(|f| f.to_vec());
         Self::new(vertices, &faces)
@@ -115,7 +121,7 @@ impl Polytope {
 pub(crate) struct Corner {
     p: Vector3<f64>,
     motion: Slide,
-    /// The side from here to the next corner: an edge's direction, or the normal of the plane that cut it.
+    /// The side from here to the next corner: an edge's direction, or where a plane cut.
     side: Side,
     id: u32,
     side_id: u32,
@@ -124,7 +130,7 @@ pub(crate) struct Corner {
 #[derive(Debug, Clone, Copy)]
 enum Side {
     Edge(Vector3<f64>),
-    Cut(Vector3<f64>),
+    Cut,
 }
 
 /// Scratch of clipping.
@@ -149,17 +155,12 @@ enum Axis {
     Edges(usize, usize),
 }
 
-/// Faces are kept while edges are no better than this part of the size: a pair of faces then does not flicker into a single point.
-const FACE_BIAS: f64 = 1e-6;
+/// Faces are kept while edges are no better than this part of the size: a pair of faces then does not flicker into a
+/// single point, nor from one of the two to the other.
+const FACE_BIAS: f64 = 1e-4;
 
 /// Contacts of two polytopes whose gap is less than `margin`.
-pub(crate) fn collide(
-    (a, at_a): (&Polytope, &Placed),
-    (b, at_b): (&Polytope, &Placed),
-    margin: f64,
-    clip: &mut Clip,
-    out: &mut Manifold,
-) {
+pub(crate) fn collide((a, at_a): (&Polytope, &Placed), (b, at_b): (&Polytope, &Placed), margin: f64, clip: &mut Clip, out: &mut Manifold) {
     let lowest = |vs: &[Vector3<f64>], n: &Vector3<f64>| vs.iter().map(|v| v.dot(n)).fold(f64::INFINITY, f64::min);
     let mut best = (f64::NEG_INFINITY, Axis::FaceB(0));
     for (f, n) in at_b.normals.iter().enumerate() {
@@ -251,7 +252,13 @@ pub(crate) fn edges(
     let d = q - p;
     let (x_a, x_b) = (p + e_a * (d.cross(&e_b).dot(&cross) / squared), q + e_b * (d.cross(&e_a).dot(&cross) / squared));
     let gap = n.dot(&(x_a - x_b));
-    out.push(Found { p: (x_a + x_b) * 0.5, n, depth: -gap, feature: Feature::Lines { x_a, e_a, e_b, sign, gap, reach: 0.0 }, id: 3 << 24 | id });
+    out.push(Found {
+        p: (x_a + x_b) * 0.5,
+        n,
+        depth: -gap,
+        feature: Feature::Lines { x_a, e_a, e_b, sign, gap, reach: 0.0 },
+        id: 3 << 24 | id,
+    });
 }
 
 /// Contacts of a reference face with the other polytope's face that looks against it most. `of_a`: the reference is A's.
@@ -312,9 +319,9 @@ pub(crate) fn cut(clip: &mut Clip, m: &Vector3<f64>, at: f64, id: u32, face: &Ve
             let p = c.p + (next.p - c.p) * (s / (s - t));
             let motion = match c.side {
                 Side::Edge(e) => Slide::Crossing { e, m: *m },
-                Side::Cut(_) => Slide::Corner { a: *face },
+                Side::Cut => Slide::Corner { a: *face },
             };
-            let (side, side_id) = if s <= 0.0 { (Side::Cut(*m), 64 + id) } else { (c.side, c.side_id) };
+            let (side, side_id) = if s <= 0.0 { (Side::Cut, 64 + id) } else { (c.side, c.side_id) };
             clip.b.push(Corner { p, motion, side, id: 1 << 20 | (c.side_id & 1023) << 10 | (id & 1023), side_id });
         }
     }
@@ -394,8 +401,8 @@ pub(crate) fn boxes(
         }
     }
     match best.1 {
-        0 => box_faces((Rb, pb, hb), best.2, if t_b[best.2] < 0.0 { -1.0 } else { 1.0 }, (Ra, pa, ha), false, margin, clip, out),
-        1 => box_faces((Ra, pa, ha), best.2, if t_a[best.2] < 0.0 { 1.0 } else { -1.0 }, (Rb, pb, hb), true, margin, clip, out),
+        0 => box_faces((Rb, pb, hb), (best.2, if t_b[best.2] < 0.0 { -1.0 } else { 1.0 }), (Ra, pa, ha), false, margin, clip, out),
+        1 => box_faces((Ra, pa, ha), (best.2, if t_a[best.2] < 0.0 { 1.0 } else { -1.0 }), (Rb, pb, hb), true, margin, clip, out),
         _ => {
             let (i, j) = (best.1 - 2, best.2);
             let (e_a, e_b) = (Ra.column(j).into_owned(), Rb.column(i).into_owned());
@@ -427,8 +434,7 @@ pub(crate) fn boxes(
 /// The face of `r` on the side `sign` of its axis `axis`, against the face of `o` that looks against it most.
 fn box_faces(
     (Rr, pr, hr): (&Matrix3<f64>, &Vector3<f64>, &Vector3<f64>),
-    axis: usize,
-    sign: f64,
+    (axis, sign): (usize, f64),
     (Ro, po, ho): (&Matrix3<f64>, &Vector3<f64>, &Vector3<f64>),
     of_a: bool,
     margin: f64,
@@ -444,7 +450,10 @@ fn box_faces(
     let (eu, ew): (Vector3<f64>, Vector3<f64>) = (Ro.column(u) * ho[u], Ro.column(w) * ho[w]);
     let first = if on[f] > 0.0 { 0 } else { 4 };
     let corner = |k: u32, p: Vector3<f64>| (first + k, p);
-    start(clip, [corner(0, middle + eu + ew), corner(1, middle - eu + ew), corner(2, middle - eu - ew), corner(3, middle + eu - ew)].into_iter());
+    start(
+        clip,
+        [corner(0, middle + eu + ew), corner(1, middle - eu + ew), corner(2, middle - eu - ew), corner(3, middle + eu - ew)].into_iter(),
+    );
     for (k, side) in [(axis + 1) % 3, (axis + 2) % 3].into_iter().enumerate() {
         let m: Vector3<f64> = Rr.column(side).into_owned();
         let at = m.dot(pr);
@@ -458,7 +467,7 @@ fn box_faces(
 pub(crate) enum Nearest {
     Face(usize),
     Edge(usize),
-    Vertex(usize),
+    Vertex,
 }
 
 /// The nearest point of a polytope's surface, by faces, then their sides.
@@ -494,13 +503,7 @@ pub(crate) fn nearest(b: &Polytope, at: &Placed, x: &Vector3<f64>) -> (f64, Vect
         let on = p + d * t.clamp(0.0, 1.0);
         let distance = (x - on).norm();
         if distance < found.0 {
-            let what = if t <= 0.0 {
-                Nearest::Vertex(e.ends[0] as usize)
-            } else if t >= 1.0 {
-                Nearest::Vertex(e.ends[1] as usize)
-            } else {
-                Nearest::Edge(k)
-            };
+            let what = if t > 0.0 && t < 1.0 { Nearest::Edge(k) } else { Nearest::Vertex };
             found = (distance, on, what);
         }
     }
@@ -530,15 +533,7 @@ pub(crate) fn ball(x: &Vector3<f64>, radius: f64, b: &Polytope, at: &Placed, mar
 }
 
 /// A rod (segment with a radius) of A against a polytope of B.
-pub(crate) fn rod(
-    ends: [Vector3<f64>; 2],
-    radius: f64,
-    b: &Polytope,
-    at: &Placed,
-    margin: f64,
-    clip: &mut Clip,
-    out: &mut Manifold,
-) {
+pub(crate) fn rod(ends: [Vector3<f64>; 2], radius: f64, b: &Polytope, at: &Placed, margin: f64, clip: &mut Clip, out: &mut Manifold) {
     // The best direction among faces, and the nearest of ends, edges and corners.
     let mut face = (f64::NEG_INFINITY, 0);
     for (f, n) in at.normals.iter().enumerate() {
@@ -583,12 +578,17 @@ pub(crate) fn rod(
             crossing = Some((gap, k));
         }
     }
+    // Beside a face, only a crossing that parts the two as well says anything.
+    let crossing = crossing.filter(|(gap, _)| face.0 <= 0.0 || *gap > 0.0);
     let touching = |p: &Vector3<f64>| nearest(b, at, p);
     let (near0, near1) = (touching(&ends[0]), touching(&ends[1]));
     let inside = face.0 <= 0.0 && crossing.is_none_or(|(g, _)| g <= 0.0) && (near0.0 <= 0.0 || near1.0 <= 0.0 || crossing.is_some());
     let by_face = inside && crossing.is_none_or(|(g, _)| face.0 >= g)
         || !inside
-            && [&near0, &near1].into_iter().filter(|n| matches!(n.2, Nearest::Face(f) if f == face.1)).any(|n| crossing.is_none_or(|(g, _)| n.0 <= g.max(0.0) + 1e-9));
+            && [&near0, &near1]
+                .into_iter()
+                .filter(|n| matches!(n.2, Nearest::Face(f) if f == face.1))
+                .any(|n| crossing.is_none_or(|(g, _)| n.0 <= g.max(0.0) + 1e-9));
     if by_face {
         let n = at.normals[face.1];
         let corners = b.corners(face.1);

@@ -75,7 +75,6 @@ pub(crate) struct Touching {
     pub slot: usize,
     pub first: usize,
     pub len: usize,
-    pub law: Law,
 }
 
 /// A pair of bodies between which something acts.
@@ -144,14 +143,8 @@ impl Sum {
             x * yz - y * xz,
         ];
         // Rows of it times [p]^T.
-        let turn = [
-            y * m[2] - z * m[1],
-            z * m[0] - x * m[2],
-            x * m[1] - y * m[0],
-            z * m[3] - x * m[5],
-            x * m[4] - y * m[3],
-            x * m[7] - y * m[6],
-        ];
+        let turn =
+            [y * m[2] - z * m[1], z * m[0] - x * m[2], x * m[1] - y * m[0], z * m[3] - x * m[5], x * m[4] - y * m[3], x * m[7] - y * m[6]];
         for (s, t) in self.turn.iter_mut().zip(turn) {
             *s += t;
         }
@@ -286,7 +279,7 @@ impl ContactWorkspace {
                 });
             }
             let len = self.manifold.found.len();
-            self.touching.push(Touching { pair: k, slot, first, len, law });
+            self.touching.push(Touching { pair: k, slot, first, len });
             // Pairs are ordered by bodies, so the points of two bodies lie together.
             let active = &mut self.active[slot];
             if active.len == 0 {

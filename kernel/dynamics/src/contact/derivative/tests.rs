@@ -1,7 +1,7 @@
 //! Central differences of `J^T F` for random pairs of shapes, on trees with several kinds of joints.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector6};
+use nalgebra::{Isometry3, Unit, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use sagci_model::ObjectModel;
@@ -44,12 +44,12 @@ impl Bench {
         let multibody = self.system.multibody();
         multibody.set_state(&mut self.rigid, q, v).unwrap();
         self.ws.find(contacts, multibody, &self.rigid, 1e-2);
-        self.ws.rates(contacts, w);
         if let Some(ids) = ids
             && !self.ws.points.iter().map(|p| &p.found.id).eq(ids)
         {
             return None;
         }
+        self.ws.rates(contacts, w);
         self.ws.differentiate();
         let mut out = vec![0.0; w.len()];
         for (active, wrench) in self.ws.active.iter().zip(&self.ws.by_active) {
@@ -90,8 +90,12 @@ fn bench(first: &str, second: Option<&str>, grasp: bool, options: &ContactOption
     Bench { system, rigid, ws }
 }
 
-const SHAPES: [&str; 4] =
-    ["<sphere radius='0.2'/>", "<capsule radius='0.1' length='0.4'/>", "<box size='0.3 0.4 0.25'/>", "<cylinder radius='0.15' length='0.3'/>"];
+const SHAPES: [&str; 4] = [
+    "<sphere radius='0.2'/>",
+    "<capsule radius='0.1' length='0.4'/>",
+    "<box size='0.3 0.4 0.25'/>",
+    "<cylinder radius='0.15' length='0.3'/>",
+];
 
 #[test]
 fn dense_blocks_and_the_reverse_form_are_the_differences_of_the_joint_forces() {
@@ -126,15 +130,21 @@ fn dense_blocks_and_the_reverse_form_are_the_differences_of_the_joint_forces() {
                     .points
                     .iter()
                     .map(|p| match p.found.feature {
-                        Feature::Face { motion, of_a, .. } => format!("face {} {of_a}", format!("{motion:?}").split(' ').next().unwrap_or("")),
+                        Feature::Face { motion, of_a, .. } => {
+                            format!("face {} {of_a}", format!("{motion:?}").split(' ').next().unwrap_or(""))
+                        }
                         Feature::Point { line, of_a, .. } => format!("point {} {of_a}", line.is_some()),
                         Feature::Lines { .. } => "lines".into(),
                         Feature::Rim { .. } => "rim".into(),
                     })
                     .collect();
-                let (mut by_q, mut by_v) = (vec![0.0; n * n], vec![0.0; n * n]);
+                let (mut by_q, mut by_v, mut by_w) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
                 let contacts = bench.system.contacts.as_deref().unwrap();
-                bench.ws.add_dense(contacts, &w, &v, &mut by_q, &mut by_v);
+                bench.ws.add_dense(contacts, &w, &v, |i, k, [q, v, w]| {
+                    by_q[i * n + k] += q;
+                    by_v[i * n + k] += v;
+                    by_w[i * n + k] += w;
+                });
                 let lambda: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
                 let gradient = gradient(&bench, &w, &lambda);
                 let size = by_q.iter().chain(&by_v).fold(1e-3, |m: f64, x| m.max(x.abs()));
@@ -228,10 +238,106 @@ fn gradient(bench: &Bench, w: &[f64], lambda: &[f64]) -> Vec<f64> {
             for k in 0..body.nv {
                 let S = bench.rigid.S[body.tree + k];
                 let turned = |V: &[SpatialVector]| cross_motion(&S, &(V[i] - V[body.parent]));
-                out[body.v + k] += seed.pose.dot(&S) + seed.next.dot(&turned(&Vw)) + seed.old.dot(&turned(&V)) + seed.multiplier.dot(&turned(&Vl));
+                out[body.v + k] +=
+                    seed.pose.dot(&S) + seed.next.dot(&turned(&Vw)) + seed.old.dot(&turned(&V)) + seed.multiplier.dot(&turned(&Vl));
             }
             at = body.parent;
         }
     }
     out
+}
+
+#[test]
+fn gradients_by_material_and_by_the_pose_of_shapes_are_the_differences() {
+    let mut rng = Pcg64::seed_from_u64(11);
+    let mut compared = 0;
+    for (i, j) in [(0, Some(2)), (1, Some(1)), (2, Some(2)), (3, None), (2, None), (0, Some(1))] {
+        let material = ContactMaterial { stiffness: 2e3, dissipation: 0.3, friction: 0.7 };
+        let options = ContactOptions { material, margin: 0.05, slip: 1e-3, share: 0.8 };
+        let mut bench = bench(SHAPES[i], j.map(|j| SHAPES[j]), false, &options);
+        // Surfaces that differ.
+        for (k, g) in bench.system.contacts.as_mut().unwrap().geometries.iter_mut().enumerate() {
+            g.material =
+                ContactMaterial { stiffness: 2e3 + 1e3 * k as f64, dissipation: 0.3 + 0.2 * k as f64, friction: 0.7 - 0.2 * k as f64 };
+        }
+        let (nq, n) = (bench.system.multibody().nq(), bench.system.multibody().nv());
+        let mut tried = 0;
+        for _ in 0..4000 {
+            let mut q = vec![0.0; nq];
+            bench.system.multibody().neutral_positions(&mut q);
+            let turn: Vec<f64> = (0..n).map(|_| rng.random_range(-0.4..0.4)).collect();
+            bench.system.multibody().integrate(&mut q, &turn, 1.0).unwrap();
+            let [v, w, lambda] = [(); 3].map(|()| (0..n).map(|_| rng.random_range(-1.0..1.0)).collect::<Vec<f64>>());
+            bench.force(&q, &v, &w, None).unwrap();
+            let pushing = bench.ws.by_pair.iter().any(|p| p.F.norm() > 0.0);
+            if !pushing || bench.ws.points.iter().any(|p| p.found.depth > 0.08) || near_corner(&bench, 1e-3) {
+                continue;
+            }
+            let ids: Vec<u32> = bench.ws.points.iter().map(|p| p.found.id).collect();
+            let mut gradients = vec![([0.0; 3], SpatialVector::zeros()); bench.system.contacts.as_ref().unwrap().geometries.len()];
+            {
+                let contacts = bench.system.contacts.as_deref().unwrap();
+                bench.ws.reverse_parameters(contacts, &lambda, |pair, by, of_a, of_b| {
+                    let pair = contacts.pairs[pair];
+                    for (own, other, pose) in [(pair.a, pair.b, of_a), (pair.b, pair.a, of_b)] {
+                        let chain = contacts.geometries[own].material.between_by_self(&contacts.geometries[other].material);
+                        // Rows and columns: stiffness, dissipation, friction.
+                        for c in 0..3 {
+                            gradients[own].0[c] += by[1] * chain[(0, c)] + by[2] * chain[(1, c)] + by[0] * chain[(2, c)];
+                        }
+                        gradients[own].1 += pose;
+                    }
+                });
+            }
+            let value = |bench: &mut Bench| {
+                let force = bench.force(&q, &v, &w, Some(&ids))?;
+                Some(force.iter().zip(&lambda).map(|(f, l)| f * l).sum::<f64>())
+            };
+            let difference = |bench: &mut Bench, change: &dyn Fn(&mut crate::contact::geometry::Geometry, f64), at: usize, e: f64| {
+                let mut ends = [0.0; 2];
+                for (end, sign) in ends.iter_mut().zip([1.0, -1.0]) {
+                    let kept = bench.system.contacts.as_ref().unwrap().geometries[at].clone();
+                    change(&mut bench.system.contacts.as_mut().unwrap().geometries[at], sign * e);
+                    let found = value(bench);
+                    bench.system.contacts.as_mut().unwrap().geometries[at] = kept;
+                    *end = found?;
+                }
+                Some((ends[0] - ends[1]) / (2.0 * e))
+            };
+            for (at, gradient) in gradients.into_iter().enumerate() {
+                let by = [
+                    difference(&mut bench, &|g, e| g.material.stiffness += e, at, 1e-2),
+                    difference(&mut bench, &|g, e| g.material.dissipation += e, at, 1e-6),
+                    difference(&mut bench, &|g, e| g.material.friction += e, at, 1e-6),
+                ];
+                for (got, expected) in gradient.0.iter().zip(by) {
+                    assert!((got - expected.unwrap()).abs() < 1e-6 * (1.0 + got.abs()), "{i} {j:?}: {got} {expected:?}");
+                }
+                let body = bench.system.contacts.as_ref().unwrap().geometries[at].body;
+                let (R, p) = (bench.rigid.R_WB[body], bench.rigid.p_WB[body]);
+                for k in 0..6 {
+                    let turned = |g: &mut crate::contact::geometry::Geometry, e: f64| {
+                        let X = SpatialVector::ith(k, e);
+                        let T = *nalgebra::Rotation3::from_scaled_axis(angular(&X)).matrix();
+                        let shift = Vector3::new(X[3], X[4], X[5]);
+                        g.p_BG = R.transpose() * (T * (R * g.p_BG + p) + shift - p);
+                        g.R_BG = R.transpose() * T * R * g.R_BG;
+                    };
+                    let Some(expected) = difference(&mut bench, &turned, at, 1e-6) else { continue };
+                    assert!(
+                        (gradient.1[k] - expected).abs() < 1e-5 * (1.0 + gradient.1.norm()),
+                        "{i} {j:?} {k}: {:?} {expected}",
+                        gradient.1
+                    );
+                    compared += 1;
+                }
+            }
+            tried += 1;
+            if tried == 10 {
+                break;
+            }
+        }
+        assert!(tried > 3, "{i} {j:?}");
+    }
+    assert!(compared > 500, "{compared}");
 }

@@ -1,0 +1,542 @@
+//! A step's own derivatives: `dx+ = A dx + B du` with `x = (q, v, z)` and `u = tau`, exactly those of [`System::step`].
+//!
+//! The step solves `r(w) = 0` for the next velocities `w`. With `a = (w - v) / h` its smooth rigid part is `h ID(q, v, a)`, so
+//!
+//! `H dw = -(h dID/dq dq + (h dID/dv - M) dv - h du + h d(dtau) + contacts)`,  `H = M + h d(dtau)/dw + sum J^T G J of contacts`,
+//!
+//! on the coordinates that move, with the forces `dtau` of effects at the solution, where the step takes them. They answer to the
+//! inner states too, to the efforts that the commands have become on their way to the joints, and to the load on the joint. What dry
+//! friction holds stays at rest, and what stands at a limit goes where the limit says: there the derivative is that of the side on
+//! which the step lies. So it is where contacts open, slip or change their corners. With Coriolis forces half way, `c((v + w0) / 2)`,
+//! or a learned residual `f(w0)`, the same is done twice: once for the first solution `w0`, then with its change.
+//!
+//! Positions follow on the joint's group: `q+ = q exp(h w)`, so `dq+ = Ad(exp(-h w)) dq + h J(h w) dw` with the right Jacobian
+//! `J(x) = sum_k (-ad x)^k / (k + 1)!` (Sola, Deray and Atchuthan 2018, equation 143). Inner states follow by their own partials.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, Matrix6, Vector3, Vector6};
+
+use crate::complementarity::Held;
+use crate::effects::{Acts, Advance, HISTORY, Partial, Transfer};
+use crate::joint::Motion;
+use crate::linear::{cholesky, eliminate};
+use crate::multibody::length;
+use crate::placed::Taken;
+use crate::residual::ResidualCotangents;
+use crate::spatial::cross_motion;
+use crate::system::Placement;
+use crate::{Coriolis, DynamicsError, Input, SpatialVector, State, StepWorkspace, System};
+
+/// Derivatives of one step. `x` is position (as a tangent, see [`crate::Multibody::integrate`]), then velocity, then the inner
+/// states of effects: `2 nv + nz` entries. `u` are the commanded efforts.
+///
+/// The seconds that each entry of a history lasted are no variables; their rows are those of numbers that stay or are set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linearisation {
+    /// `dx+ / dx`, square.
+    pub A: DMatrix<f64>,
+    /// `dx+ / du`, (2 nv + nz) x nv.
+    pub B: DMatrix<f64>,
+    /// Right-hand sides and then `dw`, a row for each velocity: by q, by v, by z, by u.
+    change: Vec<f64>,
+    /// The same for the first solution.
+    first: Vec<f64>,
+    /// How the efforts that reach the joints change, likewise; empty where commands reach them as they are.
+    reached: Vec<f64>,
+    /// How the loads on the joints change with q and v, `2 nv` a row, once something asks for it.
+    load: Vec<f64>,
+    has_load: bool,
+    /// One row more.
+    row: Vec<f64>,
+    /// What the residual's reverse mode writes: by q, v, u and the first solution.
+    pulled: Vec<f64>,
+    free: Vec<usize>,
+    factor: Vec<f64>,
+    packed: Vec<f64>,
+    a: Vec<f64>,
+    /// The Hessian.
+    H: Vec<f64>,
+}
+
+impl Linearisation {
+    /// Zeros for a system.
+    pub fn new(system: &System) -> Self {
+        let (n, nz) = (system.multibody().nv(), system.state().z.len());
+        let width = 3 * n + nz;
+        let twice = if system.solves_twice() { n * width } else { 0 };
+        Self {
+            A: DMatrix::zeros(2 * n + nz, 2 * n + nz),
+            B: DMatrix::zeros(2 * n + nz, n),
+            change: vec![0.0; n * width],
+            first: vec![0.0; twice],
+            reached: vec![0.0; if system.commands.is_empty() { 0 } else { n * width }],
+            load: vec![0.0; 2 * n * n],
+            has_load: false,
+            row: vec![0.0; width],
+            pulled: vec![0.0; 5 * n],
+            free: Vec::with_capacity(n),
+            factor: vec![0.0; n * n],
+            packed: vec![0.0; n * width],
+            a: vec![0.0; n],
+            H: vec![0.0; n * n],
+        }
+    }
+}
+
+/// Where the columns by q, v, z and u of a row stand.
+#[derive(Debug, Clone, Copy)]
+struct Columns {
+    n: usize,
+    nz: usize,
+}
+
+impl Columns {
+    fn z(self) -> usize {
+        2 * self.n
+    }
+
+    fn u(self) -> usize {
+        2 * self.n + self.nz
+    }
+
+    fn width(self) -> usize {
+        3 * self.n + self.nz
+    }
+
+    /// A row among rows.
+    fn row(self, i: usize) -> Range<usize> {
+        i * self.width()..(i + 1) * self.width()
+    }
+}
+
+impl System {
+    /// [`System::step`] from `state` into `next`, and its derivatives.
+    ///
+    /// # Errors
+    /// As there; `next` or `linearisation` of another system; a base that gives way, which has no derivatives.
+    pub fn linearise(
+        &self,
+        ws: &mut StepWorkspace,
+        state: &State,
+        input: &Input<'_>,
+        dt: f64,
+        next: &mut State,
+        linearisation: &mut Linearisation,
+    ) -> Result<(), DynamicsError> {
+        let multibody = self.multibody();
+        let n = multibody.nv();
+        self.check_state(state)?;
+        self.check_state(next)?;
+        self.check_reversible()?;
+        let at = Columns { n, nz: state.z.len() };
+        let x = linearisation;
+        length("a linearisation's rows", x.A.nrows(), at.u())?;
+        let twice = self.solves_twice();
+        if (twice && x.first.is_empty()) || x.reached.is_empty() != self.commands.is_empty() {
+            return Err(DynamicsError::ForeignWorkspace);
+        }
+        next.q.copy_from_slice(&state.q);
+        next.v.copy_from_slice(&state.v);
+        next.z.copy_from_slice(&state.z);
+        next.time = state.time;
+        self.step(ws, next, input, dt)?;
+        x.has_load = false;
+        self.drive_change(ws, state, &next.v, dt, at, false, x);
+        if twice {
+            ws.rigid.v.copy_from_slice(&state.v);
+            multibody.velocities(&mut ws.rigid);
+            self.solve_change(ws, state, dt, at, true, x)?;
+            std::mem::swap(&mut x.change, &mut x.first);
+            if self.coriolis == Coriolis::AtMidpoint {
+                for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.first.w)) {
+                    *mid = 0.5 * (v + w);
+                }
+                multibody.velocities(&mut ws.rigid);
+            }
+        }
+        self.solve_change(ws, state, dt, at, false, x)?;
+        self.write(&next.v, dt, at, x);
+        self.advance_change(ws, state, &next.v, dt, at, x);
+        Ok(())
+    }
+
+    /// `dw` of one solution of the step, at the velocities that the rigid workspace has.
+    fn solve_change(
+        &self,
+        ws: &mut StepWorkspace,
+        state: &State,
+        dt: f64,
+        at: Columns,
+        first: bool,
+        x: &mut Linearisation,
+    ) -> Result<(), DynamicsError> {
+        let multibody = self.multibody();
+        let n = at.n;
+        let w = if first { &ws.first.w } else { &ws.problem.v };
+        for (a, (w, v)) in x.a.iter_mut().zip(w.iter().zip(&state.v)) {
+            *a = (w - v) / dt;
+        }
+        multibody.forces(&mut ws.rigid, Some(&x.a), true);
+        multibody.differentiate(&mut ws.rigid);
+        let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
+        let share = if midpoint { 0.5 * dt } else { dt };
+        for (i, row) in x.change.chunks_exact_mut(at.width()).enumerate() {
+            let (by_q, by_v) = ws.rigid.variation.row(i).split_at(n);
+            let M = &ws.rigid.M.as_slice()[i * n..(i + 1) * n];
+            for k in 0..n {
+                row[k] = dt * by_q[k];
+                row[n + k] = share * by_v[k] - M[k];
+            }
+            row[2 * n..].fill(0.0);
+            if x.reached.is_empty() {
+                row[at.u() + i] = -dt;
+            } else {
+                add_row(row, -dt, &x.reached[at.row(i)]);
+            }
+            if midpoint {
+                for (by_v, first) in by_v[..n].iter().zip(x.first.chunks_exact(at.width())) {
+                    add_row(row, share * by_v, first);
+                }
+            }
+        }
+        if !first {
+            self.residual_change(ws, state, dt, at, x);
+        }
+        x.H.copy_from_slice(ws.rigid.M.as_slice());
+        for placed in self.placements() {
+            let taken =
+                Taken { state, next: if first { &ws.first.w } else { &ws.problem.v }, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+            let force = self.resistance(placed, &taken).total(taken.next[placed.v]) * dt;
+            if force.d_load != 0.0 {
+                self.load_change(ws, state, at, x);
+            }
+            let k = placed.v;
+            x.H[k * n + k] += force.d_next;
+            let row = &mut x.change[at.row(k)];
+            add_partial(row, placed, &force, at);
+            add_input(row, k, force.d_input, &x.reached, at);
+            if force.d_load != 0.0 {
+                add_row(&mut row[..2 * n], force.d_load, &x.load[k * 2 * n..(k + 1) * 2 * n]);
+            }
+        }
+        let (w, held): (&[f64], &[Held]) = if first { (&ws.first.w, &ws.first.held) } else { (&ws.problem.v, &ws.problem.held) };
+        if let (Some(contacts), Some(contact)) = (&self.contacts, &mut ws.contact) {
+            contact.rates(contacts, w);
+            contact.differentiate();
+            let change = &mut x.change;
+            contact.add_dense(contacts, w, &state.v, |i, k, [by_q, by_v, by_w]| {
+                change[at.row(i)][k] += by_q;
+                change[at.row(i)][n + k] += by_v;
+                x.H[i * n + k] += by_w;
+            });
+        }
+        self.eliminate_change(w, held, state, dt, at, x)
+    }
+
+    /// How the learned residual's force changes, in the second solution.
+    fn residual_change(&self, ws: &mut StepWorkspace, state: &State, dt: f64, at: Columns, x: &mut Linearisation) {
+        let (Some(placed), Some(residual)) = (&self.residual, &mut ws.residual) else { return };
+        let n = at.n;
+        placed.force(residual, &state.q, &state.v, &ws.tau, &ws.first.w, dt);
+        for &i in placed.acts() {
+            x.pulled.fill(0.0);
+            let [f, q, v, u, next] = split(&mut x.pulled, n);
+            f[i] = 1.0;
+            placed.pull(residual, &state.q, dt, f, &mut ResidualCotangents { q, v, u, next, weights: None });
+            let row = &mut x.change[at.row(i)];
+            for k in 0..n {
+                row[k] -= dt * x.pulled[n + k];
+                row[n + k] -= dt * x.pulled[2 * n + k];
+                add_input(row, k, -dt * x.pulled[3 * n + k], &x.reached, at);
+                let by_next = x.pulled[4 * n + k];
+                if by_next != 0.0 {
+                    add_row(row, -dt * by_next, &x.first[at.row(k)]);
+                }
+            }
+        }
+    }
+
+    /// How the load on each joint, `-ID(q, v, 0)`, changes with position and velocity. Leaves the rigid workspace at the velocities of
+    /// the state.
+    fn load_change(&self, ws: &mut StepWorkspace, state: &State, at: Columns, x: &mut Linearisation) {
+        if x.has_load {
+            return;
+        }
+        x.has_load = true;
+        let multibody = self.multibody();
+        ws.rigid.v.copy_from_slice(&state.v);
+        multibody.velocities(&mut ws.rigid);
+        multibody.forces(&mut ws.rigid, None, true);
+        multibody.differentiate(&mut ws.rigid);
+        for (i, row) in x.load.chunks_exact_mut(2 * at.n).enumerate() {
+            for (load, by) in row.iter_mut().zip(ws.rigid.variation.row(i)) {
+                *load = -by;
+            }
+        }
+    }
+
+    /// How the commands change on their way to the joints. `states`: write the inner states of effects on the way too.
+    #[allow(clippy::too_many_arguments)]
+    fn drive_change(&self, ws: &mut StepWorkspace, state: &State, next: &[f64], dt: f64, at: Columns, states: bool, x: &mut Linearisation) {
+        if self.commands.is_empty() {
+            return;
+        }
+        x.reached.fill(0.0);
+        for k in 0..at.n {
+            x.reached[at.row(k)][at.u() + k] = 1.0;
+        }
+        let mut transfer = Transfer::default();
+        for &i in &self.commands {
+            if states {
+                self.states_change(ws, state, next, i, dt, at, x);
+            }
+            let placed = &self.placements()[i];
+            let taken = Taken { state, next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+            transfer.d_history.fill(0.0);
+            placed.effect.command(self.theta_of(placed), &self.instant(placed, &taken, ws.seen[i]), &mut transfer);
+            let row = &mut x.reached[at.row(placed.v)];
+            row.iter_mut().for_each(|r| *r *= transfer.output.d_input);
+            add_partial(row, placed, &transfer.output, at);
+            if placed.effect.keeps_history() {
+                let history = at.z() + placed.z.start + placed.effect.states();
+                for (r, d) in row[history..history + HISTORY].iter_mut().zip(transfer.d_history) {
+                    *r += d;
+                }
+            }
+        }
+    }
+
+    /// How the inner states of all effects move on.
+    fn advance_change(&self, ws: &mut StepWorkspace, state: &State, next: &[f64], dt: f64, at: Columns, x: &mut Linearisation) {
+        if at.nz == 0 {
+            return;
+        }
+        for (i, placed) in self.placements().iter().enumerate() {
+            if !matches!(placed.effect.description().acts, Acts::Command(_) | Acts::Base) {
+                self.states_change(ws, state, next, i, dt, at, x);
+            }
+        }
+        self.drive_change(ws, state, next, dt, at, true, x);
+    }
+
+    /// Writes the rows of one effect's inner states, with its input as `reached` has it.
+    #[allow(clippy::too_many_arguments)]
+    fn states_change(&self, ws: &mut StepWorkspace, state: &State, next: &[f64], i: usize, dt: f64, at: Columns, x: &mut Linearisation) {
+        let placed = &self.placements()[i];
+        let (k, states) = (placed.v, placed.effect.states());
+        if states == 0 {
+            return;
+        }
+        let mut out = Advance::default();
+        let taken = Taken { state, next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+        placed.effect.advance(self.theta_of(placed), &self.instant(placed, &taken, self.input_of(i, &taken)), &mut out);
+        for (s, z) in out.z.iter().enumerate().take(states) {
+            if z.d_load != 0.0 {
+                self.load_change(ws, state, at, x);
+            }
+            x.row.fill(0.0);
+            add_partial(&mut x.row, placed, z, at);
+            add_row(&mut x.row, z.d_next, &x.change[at.row(k)]);
+            add_input(&mut x.row, k, z.d_input, &x.reached, at);
+            if z.d_load != 0.0 {
+                add_row(&mut x.row[..2 * at.n], z.d_load, &x.load[k * 2 * at.n..(k + 1) * 2 * at.n]);
+            }
+            x.put(at.z() + placed.z.start + s, at);
+        }
+        // All entries of a history stay but the one that is written.
+        for z in placed.z.start + states..placed.z.end {
+            x.row.fill(0.0);
+            let slot = z - placed.z.start - states;
+            match out.sample {
+                Some(sample) if sample.slot == slot => {
+                    x.row[at.z() + z] = sample.d_slot;
+                    add_input(&mut x.row, k, sample.d_input, &x.reached, at);
+                }
+                Some(sample) if sample.slot + HISTORY == slot => {}
+                _ => x.row[at.z() + z] = 1.0,
+            }
+            x.put(at.z() + z, at);
+        }
+    }
+
+    /// Turns the right-hand sides into `dw`.
+    fn eliminate_change(
+        &self,
+        w: &[f64],
+        held: &[Held],
+        state: &State,
+        dt: f64,
+        at: Columns,
+        x: &mut Linearisation,
+    ) -> Result<(), DynamicsError> {
+        let (n, width) = (at.n, at.width());
+        x.free.clear();
+        x.free.extend((0..n).filter(|k| held[*k] == Held::Free));
+        // What is held: at rest, or where the limit says, which moves with the position.
+        for k in (0..n).filter(|k| held[*k] != Held::Free) {
+            x.change[at.row(k)].fill(0.0);
+            if held[k] == Held::AtLimit {
+                let slope = -1.0 / (dt * self.wall_steps(k, state, w[k]));
+                x.change[at.row(k)][k] = slope;
+                for &i in &x.free {
+                    x.change[i * width + k] += x.H[i * n + k] * slope;
+                }
+            }
+        }
+        let m = x.free.len();
+        for (i, &k) in x.free.iter().enumerate() {
+            for (l, &j) in x.free.iter().enumerate() {
+                x.factor[i * m + l] = x.H[k * n + j];
+            }
+            for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
+                *to = -from;
+            }
+        }
+        if cholesky(&mut x.factor[..m * m], m).is_ok() {
+            let L = &x.factor[..m * m];
+            // Whole rows at a time: all right-hand sides side by side.
+            for i in 0..m {
+                let (above, row) = x.packed.split_at_mut(i * width);
+                reduce(&mut row[..width], above, width, |k| L[i * m + k], L[i * m + i]);
+            }
+            for i in (0..m).rev() {
+                let (row, below) = x.packed[i * width..m * width].split_at_mut(width);
+                reduce(row, below, width, |k| L[(i + 1 + k) * m + i], L[i * m + i]);
+            }
+        } else {
+            // Forces that fall with the velocity can make it indefinite.
+            for (i, &k) in x.free.iter().enumerate() {
+                for (l, &j) in x.free.iter().enumerate() {
+                    x.factor[i * m + l] = x.H[k * n + j];
+                }
+            }
+            eliminate(&mut x.factor[..m * m], m, &mut x.packed[..m * width], width);
+            if !x.packed[..m * width].iter().all(|x| x.is_finite()) {
+                let what = "the step's derivatives";
+                return Err(DynamicsError::NoConvergence { what, residual: f64::INFINITY, iterations: 0 });
+            }
+        }
+        for (i, &k) in x.free.iter().enumerate() {
+            x.change[at.row(k)].copy_from_slice(&x.packed[at.row(i)]);
+        }
+        Ok(())
+    }
+
+    fn write(&self, w: &[f64], dt: f64, at: Columns, x: &mut Linearisation) {
+        let n = at.n;
+        for i in 0..n {
+            x.row.copy_from_slice(&x.change[at.row(i)]);
+            x.put(n + i, at);
+        }
+        for body in self.multibody().bodies.iter().skip(1).filter(|b| !b.follows) {
+            let own = body.v..body.v + body.nv;
+            if body.nv == 1 {
+                x.row.fill(0.0);
+                add_row(&mut x.row, dt, &x.change[at.row(body.v)]);
+                x.row[body.v] += 1.0;
+                x.put(body.v, at);
+                continue;
+            }
+            let (transport, J) = step_on_group(&body.motion, &w[own.clone()], dt);
+            for (r, i) in own.clone().enumerate() {
+                x.row.fill(0.0);
+                for (c, j) in own.clone().enumerate() {
+                    add_row(&mut x.row, J[(r, c)], &x.change[at.row(j)]);
+                    x.row[j] += transport[(r, c)];
+                }
+                x.put(i, at);
+            }
+        }
+    }
+}
+
+impl Linearisation {
+    /// Writes `self.row` into A and B.
+    fn put(&mut self, i: usize, at: Columns) {
+        for (k, value) in self.row[..at.u()].iter().enumerate() {
+            self.A[(i, k)] = *value;
+        }
+        for (k, value) in self.row[at.u()..].iter().enumerate() {
+            self.B[(i, k)] = *value;
+        }
+    }
+}
+
+/// Five vectors of `n` entries.
+fn split(x: &mut [f64], n: usize) -> [&mut [f64]; 5] {
+    let (a, x) = x.split_at_mut(n);
+    let (b, x) = x.split_at_mut(n);
+    let (c, x) = x.split_at_mut(n);
+    let (d, e) = x.split_at_mut(n);
+    [a, b, c, d, e]
+}
+
+#[inline]
+fn add_row(row: &mut [f64], factor: f64, other: &[f64]) {
+    for (x, y) in row.iter_mut().zip(other) {
+        *x += factor * y;
+    }
+}
+
+/// Adds the partials of a value by its joint's position and velocity and by its effect's inner states.
+fn add_partial(row: &mut [f64], placed: &Placement, value: &Partial, at: Columns) {
+    if placed.q.is_some() {
+        row[placed.v] += value.d_q;
+    }
+    row[at.n + placed.v] += value.d_v;
+    let z = at.z() + placed.z.start..at.z() + placed.z.end;
+    for (r, d) in row[z].iter_mut().zip(value.d_z) {
+        *r += d;
+    }
+}
+
+/// Adds a partial by the effort that reaches a joint.
+fn add_input(row: &mut [f64], k: usize, by_input: f64, reached: &[f64], at: Columns) {
+    if by_input == 0.0 {
+        return;
+    }
+    if reached.is_empty() {
+        row[at.u() + k] += by_input;
+    } else {
+        add_row(row, by_input, &reached[at.row(k)]);
+    }
+}
+
+/// `row = (row - sum_k factor(k) rows_k) / pivot`.
+#[inline]
+fn reduce(row: &mut [f64], rows: &[f64], width: usize, factor: impl Fn(usize) -> f64, pivot: f64) {
+    for (k, other) in rows.chunks_exact(width).enumerate() {
+        let f = factor(k);
+        for (x, y) in row.iter_mut().zip(other) {
+            *x -= f * y;
+        }
+    }
+    let scale = 1.0 / pivot;
+    for x in row {
+        *x *= scale;
+    }
+}
+
+/// How the position after a step along `w` answers to the one before, and to `w`, in the joint's own coordinates.
+fn step_on_group(motion: &Motion, w: &[f64], dt: f64) -> (Matrix6<f64>, Matrix6<f64>) {
+    // Motion subspace in the child, where it is constant; its columns are orthonormal.
+    let mut S = [SpatialVector::zeros(); 6];
+    motion.subspace(&nalgebra::Matrix3::identity(), &Vector3::zeros(), &mut S);
+    let twist = w.iter().zip(&S).fold(SpatialVector::zeros(), |sum, (w, S)| sum + S * (*w * dt));
+    let ad = Matrix6::from_columns(&std::array::from_fn::<_, 6, _>(|k| cross_motion(&twist, &Vector6::ith(k, 1.0))));
+    let (mut J, mut term) = (Matrix6::identity(), Matrix6::identity());
+    // A step turns by less than a few radians: the terms fall like 1 / k!.
+    for k in 1..40 {
+        term = -ad * term / (k as f64 + 1.0);
+        J += term;
+        if term.amax() < 1e-17 * J.amax() {
+            break;
+        }
+    }
+    // Ad(exp(-x)) = 1 - ad(x) J(x).
+    let transport = Matrix6::identity() - ad * J;
+    let n = w.len();
+    let project = |A: Matrix6<f64>| Matrix6::from_fn(|r, c| if r < n && c < n { S[r].dot(&(A * S[c])) } else { 0.0 });
+    (project(transport), project(J) * dt)
+}
