@@ -47,8 +47,7 @@ fn main() {
     let at = numbers(&scene["microwave_xyz"]);
     let parts = [Part::welded(&arm, Isometry3::identity()), Part::welded(&oven, Isometry3::translation(at[0], at[1], at[2]))];
     let material = ContactMaterial { friction: 1.0, ..ContactMaterial::default() };
-    let mut system =
-        System::new(&parts).unwrap().with_contacts(&parts, ContactOptions { material, ..ContactOptions::default() }).unwrap();
+    let mut system = System::new(&parts).unwrap().with_contacts(&parts, ContactOptions { material, ..ContactOptions::default() }).unwrap();
     system.set_coriolis(Coriolis::AtStart);
     let mut x0 = system.state();
     x0.q[..9].copy_from_slice(&numbers(&scene["contact"]["q"]));

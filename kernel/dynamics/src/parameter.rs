@@ -513,9 +513,7 @@ impl ParameterVector {
                     }
                 }
                 (ParameterId::Armature(v), _) => natural.rigid.armature[v],
-                (ParameterId::Effect { placement, parameter }, _) => {
-                    natural.theta[system.placements()[placement].theta.start + parameter]
-                }
+                (ParameterId::Effect { placement, parameter }, _) => natural.theta[system.placements()[placement].theta.start + parameter],
                 (ParameterId::Surface(g, k), _) => natural.material[g][k],
                 (ParameterId::ShapePose(g, k), Reference::Turn(from)) => system.contacts.as_ref().map_or(0.0, |c| {
                     let (twist, R) = (&natural.shape[g], &c.geometries[g].R_BG);
@@ -540,12 +538,8 @@ impl ParameterVector {
             ParameterId::LinkMass(l) | ParameterId::LinkCenter(l, _) | ParameterId::LinkInertia(l, _) => l.0 < multibody.frames.len(),
             ParameterId::JointAxis(j, _) | ParameterId::JointOrigin(j, _) => j.0 < multibody.mounts.len(),
             ParameterId::Armature(v) => v < multibody.nv(),
-            ParameterId::Effect { placement, parameter } => {
-                system.placements().get(placement).is_some_and(|p| parameter < p.theta.len())
-            }
-            ParameterId::Surface(g, _) | ParameterId::ShapePose(g, _) => {
-                system.contacts.as_ref().is_some_and(|c| g < c.geometries.len())
-            }
+            ParameterId::Effect { placement, parameter } => system.placements().get(placement).is_some_and(|p| parameter < p.theta.len()),
+            ParameterId::Surface(g, _) | ParameterId::ShapePose(g, _) => system.contacts.as_ref().is_some_and(|c| g < c.geometries.len()),
             ParameterId::Residual(k) => system.residual().is_some_and(|r| k < r.network().weights().len()),
         };
         match self.entries.iter().find(|e| !there(&e.id)) {
@@ -742,8 +736,12 @@ mod tests {
         for _ in 0..500 {
             let mut draw = |size: f64| rng.random_range(-size..size);
             let shape = [draw(2.0), draw(2.0), draw(2.0), draw(1.0), draw(1.0), draw(1.0)];
-            let factor =
-                LogCholesky { alpha: draw(2.0), t: Vector3::new(draw(1.0), draw(1.0), draw(1.0)), shape: Some(shape), variance: Matrix3::zeros() };
+            let factor = LogCholesky {
+                alpha: draw(2.0),
+                t: Vector3::new(draw(1.0), draw(1.0), draw(1.0)),
+                shape: Some(shape),
+                variance: Matrix3::zeros(),
+            };
             let inertia = factor.inertia();
             let [a, b, c] = inertia.about_center().symmetric_eigenvalues().into();
             assert!(inertia.mass > 0.0 && a > 0.0 && b > 0.0 && c > 0.0);

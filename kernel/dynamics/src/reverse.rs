@@ -29,8 +29,8 @@ use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
 use crate::{
-    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System,
-    Workspace, cross_force,
+    Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System, Workspace,
+    cross_force,
 };
 
 /// Cotangents of a state: what a loss changes by, per change of each entry.
@@ -308,9 +308,11 @@ impl System {
     pub(crate) fn reshapes_back(&self, natural: &mut NaturalGradient) {
         let multibody = self.multibody();
         for (placed, change) in self.reshapes() {
-            let Some(mount) = multibody.mounts.iter().position(|m| {
-                m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v && !multibody.bodies[m.body].follows
-            }) else {
+            let Some(mount) = multibody
+                .mounts
+                .iter()
+                .position(|m| m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v && !multibody.bodies[m.body].follows)
+            else {
                 continue;
             };
             let (by_axis, by_origin) = (natural.rigid.axis[mount], natural.rigid.origin[mount]);
@@ -352,15 +354,19 @@ impl System {
         ws.w.copy_from_slice(&ws.next.v);
         ws.tau_bar.fill(0.0);
         let taken = record.taken(&last.w, dt);
-        self.advance_back(&taken, &ws.next.z, &mut Cotangents {
-            q: &mut bar.q,
-            v: &mut bar.v,
-            next: &mut ws.w,
-            z: &mut bar.z,
-            tau: &mut ws.tau_bar,
-            load: &mut ws.load_bar,
-            theta: &mut ws.theta,
-        });
+        self.advance_back(
+            &taken,
+            &ws.next.z,
+            &mut Cotangents {
+                q: &mut bar.q,
+                v: &mut bar.v,
+                next: &mut ws.w,
+                z: &mut bar.z,
+                tau: &mut ws.tau_bar,
+                load: &mut ws.load_bar,
+                theta: &mut ws.theta,
+            },
+        );
         multibody.pull_integrate(&last.w, dt, &ws.next.q, &mut bar.q, &mut ws.w);
         if twice {
             ws.first.fill(0.0);
@@ -377,15 +383,19 @@ impl System {
             }
         }
         self.reverse_solve(ws, record, true, dt, bar, input);
-        self.drive_back(&taken, &ws.next.z, &mut Cotangents {
-            q: &mut bar.q,
-            v: &mut bar.v,
-            next: &mut ws.spare,
-            z: &mut bar.z,
-            tau: &mut ws.tau_bar,
-            load: &mut ws.load_bar,
-            theta: &mut ws.theta,
-        });
+        self.drive_back(
+            &taken,
+            &ws.next.z,
+            &mut Cotangents {
+                q: &mut bar.q,
+                v: &mut bar.v,
+                next: &mut ws.spare,
+                z: &mut bar.z,
+                tau: &mut ws.tau_bar,
+                load: &mut ws.load_bar,
+                theta: &mut ws.theta,
+            },
+        );
         for (to, from) in input.tau_bar.iter_mut().zip(&ws.tau_bar) {
             *to += from;
         }

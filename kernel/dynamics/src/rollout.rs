@@ -351,7 +351,11 @@ impl Smoothing {
     ) -> Result<(f64, RolloutGradient), DynamicsError> {
         for (what, value) in [("positions", self.q), ("velocities", self.v), ("efforts", self.tau)] {
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(DynamicsError::OutOfBounds { what: format!("the smoothing of {what}"), value, must: "zero or positive".into() });
+                return Err(DynamicsError::OutOfBounds {
+                    what: format!("the smoothing of {what}"),
+                    value,
+                    must: "zero or positive".into(),
+                });
             }
         }
         if self.pairs == 0 {
@@ -362,7 +366,8 @@ impl Smoothing {
         let (n, steps) = (system.multibody().nv(), rollout.options.steps);
         let mut rng = Pcg64::seed_from_u64(self.seed);
         let mut draw = |size: f64| if size > 0.0 { rng.random_range(-size..size) } else { 0.0 };
-        let mut sum = RolloutGradient { x0: StateCotangent::zero(system), natural: NaturalGradient::zero(system), ..rollout.gradient.clone() };
+        let mut sum =
+            RolloutGradient { x0: StateCotangent::zero(system), natural: NaturalGradient::zero(system), ..rollout.gradient.clone() };
         sum.tau.fill(0.0);
         sum.wrenches.fill(SpatialVector::zeros());
         let (mut total, factor) = (0.0, 0.5 / self.pairs as f64);
@@ -408,7 +413,13 @@ impl RolloutGradient {
                 *a += factor * b;
             }
         }
-        for (a, b) in self.wrenches.iter_mut().zip(&other.wrenches).chain(to.rigid.origin.iter_mut().zip(&from.rigid.origin)).chain(to.shape.iter_mut().zip(&from.shape)) {
+        for (a, b) in self
+            .wrenches
+            .iter_mut()
+            .zip(&other.wrenches)
+            .chain(to.rigid.origin.iter_mut().zip(&from.rigid.origin))
+            .chain(to.shape.iter_mut().zip(&from.shape))
+        {
             *a += b * factor;
         }
         for (a, b) in to.rigid.axis.iter_mut().zip(&from.rigid.axis) {

@@ -53,8 +53,7 @@ fn both_modes_of_the_network_agree_with_central_differences() {
 fn jacobians_by_state_input_next_state_and_weights_are_those_of_central_differences() {
     let mut system = System::new(&[welded(&menagerie(false))]).unwrap();
     let n = system.multibody().nv();
-    let mut residual =
-        Residual::new(system.multibody(), &["ja", "jc", "jd", "je"], &["jb", "jd"], &[6], Activation::Tanh, 2).unwrap();
+    let mut residual = Residual::new(system.multibody(), &["ja", "jc", "jd", "je"], &["jb", "jd"], &[6], Activation::Tanh, 2).unwrap();
     let mut rng = random(4);
     let weights = random_vector(residual.network().weights().len(), 0.5, &mut rng);
     residual.set_weights(&weights).unwrap();
@@ -88,9 +87,7 @@ fn jacobians_by_state_input_next_state_and_weights_are_those_of_central_differen
         base.multibody().integrate(&mut moved.q, &plus(&vec![0.0; n], k, h), 1.0).unwrap();
         (base.clone(), moved, u.clone(), next.clone())
     });
-    compare("v", &jacobians.d_v, n, &|k, h| {
-        (base.clone(), State { v: plus(&state.v, k, h), ..state.clone() }, u.clone(), next.clone())
-    });
+    compare("v", &jacobians.d_v, n, &|k, h| (base.clone(), State { v: plus(&state.v, k, h), ..state.clone() }, u.clone(), next.clone()));
     compare("u", &jacobians.d_u, n, &|k, h| (base.clone(), state.clone(), plus(&u, k, h), next.clone()));
     compare("next", &jacobians.d_next, n, &|k, h| (base.clone(), state.clone(), u.clone(), plus(&next, k, h)));
     compare("weights", &jacobians.d_weights, weights.len(), &|k, h| {
@@ -129,7 +126,7 @@ fn it_learns_an_effect_that_the_model_lacks_and_holds_on_motion_it_has_not_seen(
     let rod = pendulum(1.0, 0.4, 0.02, "<dynamics damping='0.2' friction='0'/>");
     let mut world = System::new(&[welded(&rod)]).unwrap();
     world.add_effect("pendulum", &effect("joint_spring", "hinge", &[("stiffness", 4.0), ("rest_position", 0.3)])).unwrap();
-        // Enough motion to cover where the unseen one goes.
+    // Enough motion to cover where the unseen one goes.
     let train: Vec<Sequence> = (0..8).map(|k| record(&world, 400, k)).collect();
     let unseen: Vec<Sequence> = (10..12).map(|k| record(&world, 400, k)).collect();
     let model = System::new(&[welded(&rod)]).unwrap();
@@ -171,7 +168,9 @@ fn it_learns_an_effect_that_the_model_lacks_and_holds_on_motion_it_has_not_seen(
 
 #[test]
 fn friction_holds_a_joint_against_a_small_residual() {
-    let mut system = System::new(&[welded(&slide(2.0, "<limit lower='-1' upper='1' velocity='9' effort='9'/><dynamics damping='0' friction='3'/>"))]).unwrap();
+    let mut system =
+        System::new(&[welded(&slide(2.0, "<limit lower='-1' upper='1' velocity='9' effort='9'/><dynamics damping='0' friction='3'/>"))])
+            .unwrap();
     let mut residual = Residual::new(system.multibody(), &["slide"], &["slide"], &[2], Activation::Tanh, 1).unwrap();
     let mut weights = residual.network().weights().to_vec();
     let last = weights.len() - 1;

@@ -10,7 +10,9 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use sagci_dynamics::effects::{Acts, Prior, catalogue};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutGradient, RolloutOptions, Smoothing, rollouts};
-use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, DynamicsError, Grasp, ParameterKind, Part, SpatialVector, State, StateCotangent, System};
+use sagci_dynamics::{
+    ContactMaterial, ContactOptions, Coriolis, DynamicsError, Grasp, ParameterKind, Part, SpatialVector, State, StateCotangent, System,
+};
 use sagci_model::{EffectEntry, JointKind, ObjectModel};
 
 const KINDS: [ParameterKind; 14] = [
@@ -141,8 +143,7 @@ impl Case {
         let (mut switched, mut all) = (0, 0);
         // `terms`: the products of gradient and direction whose sum is compared; their root sum of squares is its typical size,
         // that of the whole group is `scale`.
-        let mut compare = |group: &str, terms: &[f64], scale: f64, along: &dyn Fn(f64) -> f64| {
-            let reach = self.reach;
+        let mut compare = |group: &str, terms: &[f64], scale: f64, along: &dyn Fn(f64) -> f64, reach: f64| {
             let analytic: f64 = terms.iter().sum();
             let typical = terms.iter().map(|t| t * t).sum::<f64>().sqrt();
             let difference = |h: f64| (8.0 * (along(h) - along(-h)) - (along(2.0 * h) - along(-2.0 * h))) / (12.0 * h);
@@ -167,20 +168,20 @@ impl Case {
                 self.system.multibody().integrate(&mut x0.q, &d, h).unwrap();
                 self.value(&self.system, &x0, &self.tau, &loss)
             };
-            compare(&format!("q {trial}"), &dot(&gradient.x0.q), 0.0, &along);
+            compare(&format!("q {trial}"), &dot(&gradient.x0.q), 0.0, &along, self.reach);
             let along = |h: f64| {
                 let mut x0 = self.x0.clone();
                 x0.v.iter_mut().zip(&d).for_each(|(v, d)| *v += h * d);
                 self.value(&self.system, &x0, &self.tau, &loss)
             };
-            compare(&format!("v {trial}"), &dot(&gradient.x0.v), 0.0, &along);
+            compare(&format!("v {trial}"), &dot(&gradient.x0.v), 0.0, &along, self.reach);
         }
         let d = random_vector(self.tau.len(), 1.0, &mut rng);
         let along = |h: f64| {
             let tau: Vec<f64> = self.tau.iter().zip(&d).map(|(t, d)| t + h * d).collect();
             self.value(&self.system, &self.x0, &tau, &loss)
         };
-        compare("tau", &gradient.tau.iter().zip(&d).map(|(a, b)| a * b).collect::<Vec<_>>(), 0.0, &along);
+        compare("tau", &gradient.tau.iter().zip(&d).map(|(a, b)| a * b).collect::<Vec<_>>(), 0.0, &along, self.reach);
         for kind in KINDS {
             let which = self.system.parameters_of_kind(kind);
             if which.is_empty() {
@@ -209,7 +210,13 @@ impl Case {
                     system.set_parameters(&which, &moved).unwrap();
                     self.value(&system, &self.x0, &self.tau, &loss)
                 };
-                compare(&format!("{kind:?}"), &by.iter().zip(&step).map(|(a, b)| a * b).collect::<Vec<_>>(), scale, &along);
+                compare(
+                    &format!("{kind:?}"),
+                    &by.iter().zip(&step).map(|(a, b)| a * b).collect::<Vec<_>>(),
+                    scale,
+                    &along,
+                    if low { self.reach.min(1e-4) } else { self.reach },
+                );
             }
         }
         (switched, all)
@@ -218,7 +225,11 @@ impl Case {
 
 fn moving_arm(seed: u64) -> (ObjectModel, Vec<f64>, Vec<f64>) {
     let mut rng = random(seed);
-    let q: Vec<f64> = [0.0, -0.785, 0.3, -2.356, 0.2, 1.571, 0.785, 0.02, 0.02].iter().zip(random_vector(9, 0.01, &mut rng)).map(|(a, b)| a + b).collect();
+    let q: Vec<f64> = [0.0, -0.785, 0.3, -2.356, 0.2, 1.571, 0.785, 0.02, 0.02]
+        .iter()
+        .zip(random_vector(9, 0.01, &mut rng))
+        .map(|(a, b)| a + b)
+        .collect();
     (panda(), q, random_vector(9, 0.02, &mut rng).iter().map(|x| x + 0.2).collect())
 }
 
@@ -236,7 +247,11 @@ fn arm_case(coriolis: Coriolis, steps: usize, seed: u64) -> Case {
     let mut hold = vec![0.0; 9];
     system.multibody().gravity_efforts(&mut ws, &mut hold).unwrap();
     let mut rng = random(seed + 7);
-    let tau = (0..steps).flat_map(|_| hold.iter().map(|h| h + 0.8).collect::<Vec<_>>()).zip(random_vector(steps * 9, 0.3, &mut rng)).map(|(a, b)| a + b).collect();
+    let tau = (0..steps)
+        .flat_map(|_| hold.iter().map(|h| h + 0.8).collect::<Vec<_>>())
+        .zip(random_vector(steps * 9, 0.3, &mut rng))
+        .map(|(a, b)| a + b)
+        .collect();
     Case { system, x0, tau, steps, dt: 1e-3, reach: 1e-4 }
 }
 
@@ -275,7 +290,9 @@ fn gradients_of_an_arm_beside_a_microwave_are_those_of_central_differences() {
         system.multibody().set_positions(&mut ws, &x0.q).unwrap();
         let mut hold = vec![0.0; n];
         system.multibody().gravity_efforts(&mut ws, &mut hold).unwrap();
-        let tau = random_vector(200 * n, 0.3, &mut random(4)).iter().enumerate()
+        let tau = random_vector(200 * n, 0.3, &mut random(4))
+            .iter()
+            .enumerate()
             // Fingers weigh 15 g: this is what keeps them from turning round.
             .map(|(k, x)| hold[k % n] + (x + 0.8) * if (7..9).contains(&(k % n)) { 0.003 } else { 1.0 })
             .collect();
@@ -323,7 +340,10 @@ fn door(limits: [f64; 2]) -> System {
             "door",
             [0.0, 0.1, 1.0],
             [0.0; 6],
-            &format!("<limit lower='{}' upper='{}' velocity='9' effort='9'/><dynamics damping='0.3' friction='0.5'/>", limits[0], limits[1]),
+            &format!(
+                "<limit lower='{}' upper='{}' velocity='9' effort='9'/><dynamics damping='0.3' friction='0.5'/>",
+                limits[0], limits[1]
+            ),
         )
         + &joint(
             "knob",
@@ -344,11 +364,8 @@ fn gradients_of_a_door_that_slides_sticks_and_stops_are_those_of_central_differe
     // Held: the knob sticks, or the hinge does, or the hinge stands at its limit; and a hard stop is run into.
     let wide = [-3.0, 3.0];
     let mut stop = door(wide);
-    stop.add_effect(
-        "door",
-        &effect("hard_stop", "hinge", &[("stiffness", 2e3), ("dissipation", 3e3), ("position", 0.52), ("side", 1.0)]),
-    )
-    .unwrap();
+    stop.add_effect("door", &effect("hard_stop", "hinge", &[("stiffness", 2e3), ("dissipation", 3e3), ("position", 0.52), ("side", 1.0)]))
+        .unwrap();
     for (name, system, q, v, tau) in [
         ("slides", door(wide), [0.5, 0.1], [1.0, 0.5], [0.4, 0.1]),
         ("knob sticks", door(wide), [0.5, 0.1], [1.0, 0.0], [0.4, 0.001]),
@@ -425,9 +442,11 @@ fn the_gradient_by_external_forces_is_that_of_central_differences() {
     let difference = (value(1e-3) - value(-1e-3)) / 2e-3;
     let inputs = Inputs { tau: &[], links: &links, wrenches: &wrenches };
     rollout.forward(&system, &x0, &inputs, |_, _| {}).unwrap();
-    rollout.backward(&system, &inputs, |k, s, bar| {
+    rollout
+        .backward(&system, &inputs, |k, s, bar| {
             loss.at(k, s, Some(bar));
-        }).unwrap();
+        })
+        .unwrap();
     let analytic: f64 = rollout.gradient().wrenches.iter().zip(&d).map(|(a, b)| a.dot(b)).sum();
     assert!((analytic / difference - 1.0).abs() < 1e-6, "{analytic} {difference}");
 }
@@ -440,9 +459,11 @@ fn checkpoints_change_no_bit() {
     let run = |memory: usize| {
         let mut rollout = Rollout::new(&case.system, RolloutOptions { memory, ..case.options() }).unwrap();
         rollout.forward(&case.system, &case.x0, &inputs, |_, _| {}).unwrap();
-        rollout.backward(&case.system, &inputs, |k, s, bar| {
-            loss.at(k, s, Some(bar));
-        }).unwrap();
+        rollout
+            .backward(&case.system, &inputs, |k, s, bar| {
+                loss.at(k, s, Some(bar));
+            })
+            .unwrap();
         (rollout.checkpoint_spacing(), rollout.gradient().clone())
     };
     let (all, whole) = run(64 << 20);
@@ -467,8 +488,8 @@ fn any_number_of_threads_gives_the_same_bits() {
             let inputs = Inputs { tau: &tau, ..Inputs::default() };
             rollout.forward(&case.system, &case.x0, &inputs, |_, _| {})?;
             rollout.backward(&case.system, &inputs, |k, s, bar| {
-            loss.at(k, s, Some(bar));
-        })?;
+                loss.at(k, s, Some(bar));
+            })?;
             Ok((rollout.last().clone(), rollout.gradient().clone()))
         })
         .unwrap()
@@ -571,7 +592,11 @@ fn gradients_through_contact_are_those_of_central_differences() {
                     x0.q[11..14].copy_from_slice(&[0.01, 0.005, 0.0797]);
                 }
                 let n = system.multibody().nv();
-                let tau = random_vector(steps * n, 0.01, &mut random(3)).iter().enumerate().map(|(k, x)| x + if k % n == 3 { push } else { 0.0 }).collect();
+                let tau = random_vector(steps * n, 0.01, &mut random(3))
+                    .iter()
+                    .enumerate()
+                    .map(|(k, x)| x + if k % n == 3 { push } else { 0.0 })
+                    .collect();
                 let case = Case { system: system.clone(), x0, tau, steps, dt: 1e-3, reach: 2e-6 };
                 let (switched, all) = case.check(&format!("{name}, {coriolis:?}, {steps} steps"), 7);
                 println!("{name}, {coriolis:?}, {steps} steps: {switched} of {all} at a switch");
@@ -613,7 +638,11 @@ fn gradients_through_a_grasp_are_those_of_central_differences() {
             })
             .unwrap();
         for steps in [1, 20] {
-            let tau = random_vector(steps * 15, 0.001, &mut random(5)).iter().enumerate().map(|(k, x)| x + if k % 15 < 7 { 1.0 } else { 0.0 }).collect();
+            let tau = random_vector(steps * 15, 0.001, &mut random(5))
+                .iter()
+                .enumerate()
+                .map(|(k, x)| x + if k % 15 < 7 { 1.0 } else { 0.0 })
+                .collect();
             let case = Case { system: system.clone(), x0: x0.clone(), tau, steps, dt: 1e-3, reach: 1e-4 };
             let (switched, all) = case.check(&format!("grasp, {coriolis:?}, {steps} steps"), 7);
             assert!(switched * 5 <= all, "{switched} of {all}");

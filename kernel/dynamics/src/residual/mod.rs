@@ -127,9 +127,8 @@ impl Residual {
             names.iter().map(|n| multibody.joint(n).map(|j| format!("{}/{}", j.part, j.name))).collect()
         };
         let (reads, acts) = (full(reads)?, full(acts)?);
-        let joints = |names: &[String]| -> Result<Vec<JointInfo>, DynamicsError> {
-            names.iter().map(|n| multibody.joint(n).cloned()).collect()
-        };
+        let joints =
+            |names: &[String]| -> Result<Vec<JointInfo>, DynamicsError> { names.iter().map(|n| multibody.joint(n).cloned()).collect() };
         let inputs: usize = joints(&reads)?.iter().map(|j| features(j.kind) + 3 * j.v.len()).sum();
         let outputs: usize = joints(&acts)?.iter().map(|j| j.v.len()).sum();
         let sizes: Vec<usize> = [inputs].into_iter().chain(hidden.iter().copied()).chain([outputs]).collect();
