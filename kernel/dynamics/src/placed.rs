@@ -373,6 +373,7 @@ impl System {
                 body.motion = Motion::new(body.motion.kind, &axis);
             }
             body.p_PJ += body.R_PJ * change.shift();
+            body.prepare();
         }
         self.multibody = bodies;
     }

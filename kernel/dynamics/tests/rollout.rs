@@ -143,8 +143,7 @@ impl Case {
         let (mut switched, mut all) = (0, 0);
         // `terms`: the products of gradient and direction whose sum is compared; their root sum of squares is its typical size,
         // that of the whole group is `scale`.
-        let mut compare = |group: &str, terms: &[f64], scale: f64, along: &dyn Fn(f64) -> f64| {
-            let reach = self.reach;
+        let mut compare = |group: &str, terms: &[f64], scale: f64, along: &dyn Fn(f64) -> f64, reach: f64| {
             let analytic: f64 = terms.iter().sum();
             let typical = terms.iter().map(|t| t * t).sum::<f64>().sqrt();
             let difference = |h: f64| (8.0 * (along(h) - along(-h)) - (along(2.0 * h) - along(-2.0 * h))) / (12.0 * h);
@@ -169,20 +168,20 @@ impl Case {
                 self.system.multibody().integrate(&mut x0.q, &d, h).unwrap();
                 self.value(&self.system, &x0, &self.tau, &loss)
             };
-            compare(&format!("q {trial}"), &dot(&gradient.x0.q), 0.0, &along);
+            compare(&format!("q {trial}"), &dot(&gradient.x0.q), 0.0, &along, self.reach);
             let along = |h: f64| {
                 let mut x0 = self.x0.clone();
                 x0.v.iter_mut().zip(&d).for_each(|(v, d)| *v += h * d);
                 self.value(&self.system, &x0, &self.tau, &loss)
             };
-            compare(&format!("v {trial}"), &dot(&gradient.x0.v), 0.0, &along);
+            compare(&format!("v {trial}"), &dot(&gradient.x0.v), 0.0, &along, self.reach);
         }
         let d = random_vector(self.tau.len(), 1.0, &mut rng);
         let along = |h: f64| {
             let tau: Vec<f64> = self.tau.iter().zip(&d).map(|(t, d)| t + h * d).collect();
             self.value(&self.system, &self.x0, &tau, &loss)
         };
-        compare("tau", &gradient.tau.iter().zip(&d).map(|(a, b)| a * b).collect::<Vec<_>>(), 0.0, &along);
+        compare("tau", &gradient.tau.iter().zip(&d).map(|(a, b)| a * b).collect::<Vec<_>>(), 0.0, &along, self.reach);
         for kind in KINDS {
             let which = self.system.parameters_of_kind(kind);
             if which.is_empty() {
@@ -211,7 +210,13 @@ impl Case {
                     system.set_parameters(&which, &moved).unwrap();
                     self.value(&system, &self.x0, &self.tau, &loss)
                 };
-                compare(&format!("{kind:?}"), &by.iter().zip(&step).map(|(a, b)| a * b).collect::<Vec<_>>(), scale, &along);
+                compare(
+                    &format!("{kind:?}"),
+                    &by.iter().zip(&step).map(|(a, b)| a * b).collect::<Vec<_>>(),
+                    scale,
+                    &along,
+                    if low { self.reach.min(1e-4) } else { self.reach },
+                );
             }
         }
         (switched, all)
