@@ -140,7 +140,7 @@ fn a_folder_is_taken_into_the_library_and_a_broken_one_leaves_it_as_it_was() {
     write(folder.path().join("brick/object.urdf"), &format!("<robot name='brick'><link name='brick'>{inertial}{shape}</link></robot>"));
     write(
         folder.path().join("brick/model.yaml"),
-        "schema: 1\nname: brick\nmovable: true\nprovenance: {licence: CC0-1.0, attribution: own work}\n",
+        "schema: 1\nname: brick\nmovable: true\nprovenance: {licence: CC0-1.0, attribution: own work, origins: [{source: measured by hand}]}\n",
     );
     let brick = folder.path().join("brick");
     let said = sagci(&["models", "add", brick.to_str().unwrap(), "--models", library_text]);
