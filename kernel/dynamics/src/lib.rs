@@ -40,12 +40,14 @@ mod step;
 mod system;
 mod workspace;
 
+pub use algorithms::adjoint::{Adjoint, RigidGradient};
+pub use algorithms::derivatives::{ForwardDynamicsDerivatives, InverseDynamicsDerivatives};
 pub use algorithms::momentum::Momentum;
 pub use complementarity::Held;
 pub use error::DynamicsError;
 pub use joint::plane_axes;
 pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};
-pub use multibody::{Base, JointInfo, LinkId, Multibody, Part};
+pub use multibody::{Base, JointId, JointInfo, LinkId, Multibody, Part};
 pub use spatial::{SpatialInertia, SpatialVector, cross_force, cross_motion, wrench_at_origin};
 pub use step::{Coriolis, StepWorkspace};
 pub use system::{Input, Placement, State, System};

@@ -3,12 +3,12 @@
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, Isometry3, Matrix3, Matrix6, Vector3};
+use nalgebra::{Isometry3, Matrix3, Unit, Vector3};
 use sagci_model::{JointKind, JointLimits, ObjectModel};
 
 use crate::error::hint;
 use crate::joint::{Motion, matrix};
-use crate::{DynamicsError, SpatialInertia, SpatialVector, Workspace};
+use crate::{DynamicsError, SpatialInertia, Workspace};
 
 /// Standard gravity downwards, m/s^2.
 pub(crate) const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
@@ -58,6 +58,10 @@ impl<'a> Part<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct LinkId(pub(crate) usize);
 
+/// Names one joint of the models: a moving one, a follower, a fixed one, or the base of a part (under the part's name).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct JointId(pub(crate) usize);
+
 /// A joint of the models that moves on its own, and where it stands in `q` and `v`.
 #[derive(Debug, Clone)]
 pub struct JointInfo {
@@ -86,6 +90,25 @@ pub(crate) struct Frame {
     pub name: String,
     pub body: usize,
     pub X_BL: Isometry3<f64>,
+    /// Its own inertia in its own frame.
+    pub inertia: SpatialInertia,
+}
+
+/// One joint of the models, whether it moves or not: what its origin and axis are set by.
+#[derive(Debug, Clone)]
+pub(crate) struct Mount {
+    pub part: usize,
+    pub name: String,
+    pub kind: JointKind,
+    /// The link that carries it; none for what is fixed to the world or free in it.
+    pub parent: Option<usize>,
+    /// The link that it carries.
+    pub child: usize,
+    /// Pose of the joint's fixed frame in the parent link (in the world where there is none).
+    pub X_PJ: Isometry3<f64>,
+    pub axis: Unit<Vector3<f64>>,
+    /// The body that it moves; for a fixed joint the body that both its links belong to.
+    pub body: usize,
 }
 
 /// One moving body with the joint that moves it. Body 0 is the world and has no joint.
@@ -103,12 +126,24 @@ pub(crate) struct Body {
     /// Number of positions and of degrees of freedom.
     pub nq: usize,
     pub nv: usize,
-    /// A follower's position is `multiplier * q + offset`; 1 and 0 for a joint that moves on its own.
-    pub multiplier: f64,
+    /// A follower's position is `ratio * q + offset`; 1 and 0 for a joint that moves on its own. The columns of `S` in the
+    /// workspace hold the ratio already.
+    pub ratio: f64,
     pub offset: f64,
     pub follows: bool,
     /// Which of [`Multibody::joints`] moves it.
     pub joint: usize,
+}
+
+impl Body {
+    pub fn tree_range(&self) -> Range<usize> {
+        self.tree..self.tree + self.nv
+    }
+
+    fn place(&mut self, X_PJ: &Isometry3<f64>) {
+        self.R_PJ = matrix(&X_PJ.rotation);
+        self.p_PJ = X_PJ.translation.vector;
+    }
 }
 
 /// A tree of rigid bodies: the constant part of all algorithms. See the crate's first page for its conventions.
@@ -119,6 +154,7 @@ pub struct Multibody {
     /// entry 0.
     pub(crate) inertia: Vec<SpatialInertia>,
     pub(crate) frames: Vec<Frame>,
+    pub(crate) mounts: Vec<Mount>,
     pub(crate) joints: Vec<JointInfo>,
     pub(crate) parts: Vec<String>,
     /// Gravity, m/s^2.
@@ -148,7 +184,7 @@ impl Multibody {
             tree: 0,
             nq: 0,
             nv: 0,
-            multiplier: 1.0,
+            ratio: 1.0,
             offset: 0.0,
             follows: false,
             joint: 0,
@@ -157,6 +193,7 @@ impl Multibody {
             bodies: vec![world],
             inertia: vec![SpatialInertia::ZERO],
             frames: Vec::new(),
+            mounts: Vec::new(),
             joints: Vec::new(),
             parts: Vec::new(),
             gravity: GRAVITY,
@@ -194,18 +231,35 @@ impl Multibody {
             return Err(fault("links", format!("{} links do not make a tree with {} joints", model.links.len(), model.joints.len())));
         }
 
-        // Where each link lies: body, and pose on it.
-        let mut place: Vec<(usize, Isometry3<f64>)> = Vec::with_capacity(model.links.len());
-        place.push(match &part.base {
-            Base::Welded(X_WO) => (0, *X_WO),
+        // Links and joints of this part stand after those of earlier ones.
+        let first = self.frames.len();
+        let link = |name: &str, inertial, body| Frame {
+            part: index,
+            name: name.into(),
+            body,
+            X_BL: Isometry3::identity(),
+            inertia: SpatialInertia::from(inertial),
+        };
+        let z = Vector3::z_axis();
+        let mut base = Mount {
+            part: index,
+            name: part.name.clone(),
+            kind: JointKind::Fixed,
+            parent: None,
+            child: first,
+            X_PJ: Isometry3::identity(),
+            axis: z,
+            body: 0,
+        };
+        match &part.base {
+            Base::Welded(X_WO) => base.X_PJ = *X_WO,
             Base::Held { part: holder, link, X_LO } => {
-                let frame = self.frames.iter().find(|f| f.part == *holder && f.name == *link && *holder < index);
-                let frame =
-                    frame.ok_or_else(|| fault("base", format!("is held by the link '{link}' of part {holder}, which is not there")))?;
-                (frame.body, frame.X_BL * X_LO)
+                let found = self.frames.iter().position(|f| f.part == *holder && f.name == *link && *holder < index);
+                let found =
+                    found.ok_or_else(|| fault("base", format!("is held by the link '{link}' of part {holder}, which is not there")))?;
+                (base.parent, base.X_PJ, base.body) = (Some(found), *X_LO, self.frames[found].body);
             }
             Base::Floating => {
-                let motion = Motion::new(JointKind::Floating, &Vector3::z_axis());
                 self.joints.push(JointInfo {
                     part: part.name.clone(),
                     name: part.name.clone(),
@@ -216,9 +270,14 @@ impl Multibody {
                     damping: 0.0,
                     friction: 0.0,
                 });
-                (self.push_body(0, motion, &Isometry3::identity(), None), Isometry3::identity())
+                base.kind = JointKind::Floating;
+                base.body = self.push_body(0, Motion::new(JointKind::Floating, &z), (self.joints.len() - 1, 1.0, 0.0, false));
+                self.nq += 7;
+                self.nv += 6;
             }
-        });
+        }
+        self.frames.push(link(&model.links[0].name, &model.links[0].inertial, base.body));
+        self.mounts.push(base);
         let mut moved_by: Vec<Option<usize>> = vec![None; model.joints.len()];
         // Followers can stand before the joint that they follow, so entries of `q` are given out first.
         for (j, joint) in model.joints.iter().enumerate() {
@@ -240,35 +299,61 @@ impl Multibody {
             self.nv += joint.kind.velocities();
         }
         for (j, joint) in model.joints.iter().enumerate() {
-            let Some(&(body, X_BP)) = place.get(joint.parent) else {
+            let Some(carrier) = self.frames.get(first + joint.parent).map(|f| f.body) else {
                 return Err(fault(&joint.name, "its parent link stands after its child".into()));
             };
-            if joint.child != place.len() {
+            if first + joint.child != self.frames.len() {
                 return Err(fault(&joint.name, "its child link is out of order".into()));
-            }
-            let X_BJ = X_BP * joint.X_PJ;
-            if joint.kind == JointKind::Fixed {
-                place.push((body, X_BJ));
-                continue;
             }
             let motion = Motion::new(joint.kind, &joint.axis);
             let follows = match joint.mimic {
-                None => None,
-                Some(_) => Some(self.resolve_mimic(model, &moved_by, j).map_err(|m| fault(&joint.name, m))?),
+                Some(_) if joint.kind != JointKind::Fixed => {
+                    Some(self.resolve_mimic(model, &moved_by, j).map_err(|m| fault(&joint.name, m))?)
+                }
+                _ => None,
             };
-            let child = match (follows, moved_by[j]) {
-                (Some(follows), _) => self.push_body(body, motion, &X_BJ, Some(follows)),
-                (None, Some(info)) => self.push_placed(body, motion, &X_BJ, info),
-                (None, None) => return Err(fault(&joint.name, "has no place in q".into())),
+            let body = match (joint.kind, follows, moved_by[j]) {
+                (JointKind::Fixed, _, _) => carrier,
+                (_, Some((leader, ratio, offset)), _) => self.push_body(carrier, motion, (leader, ratio, offset, true)),
+                (_, None, Some(info)) => self.push_body(carrier, motion, (info, 1.0, 0.0, false)),
+                (_, None, None) => return Err(fault(&joint.name, "has no place in q".into())),
             };
-            place.push((child, Isometry3::identity()));
+            self.mounts.push(Mount {
+                part: index,
+                name: joint.name.clone(),
+                kind: joint.kind,
+                parent: Some(first + joint.parent),
+                child: self.frames.len(),
+                X_PJ: joint.X_PJ,
+                axis: joint.axis,
+                body,
+            });
+            let child = &model.links[joint.child];
+            self.frames.push(link(&child.name, &child.inertial, body));
         }
-        for (link, &(body, X_BL)) in model.links.iter().zip(&place) {
-            let own = SpatialInertia::from(&link.inertial);
-            self.inertia[body] += own.moved(&matrix(&X_BL.rotation), &X_BL.translation.vector);
-            self.frames.push(Frame { part: index, name: link.name.clone(), body, X_BL });
-        }
+        self.arrange();
         Ok(())
+    }
+
+    /// Puts links and joints where the origins of all joints say, and adds up what each body carries.
+    fn arrange(&mut self) {
+        for mount in &self.mounts {
+            let X_BJ = mount.parent.map_or(mount.X_PJ, |parent| self.frames[parent].X_BL * mount.X_PJ);
+            if mount.kind == JointKind::Fixed {
+                self.frames[mount.child].X_BL = X_BJ;
+            } else {
+                self.frames[mount.child].X_BL = Isometry3::identity();
+                self.bodies[mount.body].place(&X_BJ);
+            }
+        }
+        self.lump();
+    }
+
+    fn lump(&mut self) {
+        self.inertia.fill(SpatialInertia::ZERO);
+        for frame in &self.frames {
+            self.inertia[frame.body] += frame.inertia.moved(&matrix(&frame.X_BL.rotation), &frame.X_BL.translation.vector);
+        }
     }
 
     /// The joint that is followed in the end, with multiplier and offset, and the limits and losses of the follower given
@@ -308,50 +393,16 @@ impl Multibody {
         leader.friction += follower.friction * multiplier.abs();
     }
 
-    /// A body of a joint whose entries in `q` and `v` are taken now (`None`), or that follows another joint.
-    fn push_body(&mut self, parent: usize, motion: Motion, X_PJ: &Isometry3<f64>, follows: Option<(usize, f64, f64)>) -> usize {
+    /// A body moved by the joint `joint`, which has its entries in `q` and `v`, or which another one follows.
+    fn push_body(&mut self, parent: usize, motion: Motion, (joint, ratio, offset, follows): (usize, f64, f64, bool)) -> usize {
         let (nq, nv) = (motion.kind.positions(), motion.kind.velocities());
-        let body = match follows {
-            Some((joint, multiplier, offset)) => {
-                let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
-                self.has_followers = true;
-                self.body(parent, motion, X_PJ, (q, v), joint, (multiplier, offset, true))
-            }
-            None => {
-                let (q, v) = (self.nq, self.nv);
-                self.nq += nq;
-                self.nv += nv;
-                self.body(parent, motion, X_PJ, (q, v), self.joints.len() - 1, (1.0, 0.0, false))
-            }
-        };
-        self.bodies.push(body);
+        let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
+        let (R_PJ, p_PJ) = (Matrix3::identity(), Vector3::zeros());
+        self.has_followers |= follows;
+        self.bodies.push(Body { parent, motion, R_PJ, p_PJ, q, v, tree: self.tree, nq, nv, ratio, offset, follows, joint });
         self.inertia.push(SpatialInertia::ZERO);
         self.tree += nv;
         self.bodies.len() - 1
-    }
-
-    /// A body of a joint that has its entries in `q` and `v` already.
-    fn push_placed(&mut self, parent: usize, motion: Motion, X_PJ: &Isometry3<f64>, joint: usize) -> usize {
-        let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
-        let body = self.body(parent, motion, X_PJ, (q, v), joint, (1.0, 0.0, false));
-        self.tree += body.nv;
-        self.bodies.push(body);
-        self.inertia.push(SpatialInertia::ZERO);
-        self.bodies.len() - 1
-    }
-
-    fn body(
-        &self,
-        parent: usize,
-        motion: Motion,
-        X_PJ: &Isometry3<f64>,
-        (q, v): (usize, usize),
-        joint: usize,
-        (multiplier, offset, follows): (f64, f64, bool),
-    ) -> Body {
-        let (nq, nv) = (motion.kind.positions(), motion.kind.velocities());
-        let (R_PJ, p_PJ) = (matrix(&X_PJ.rotation), X_PJ.translation.vector);
-        Body { parent, motion, R_PJ, p_PJ, q, v, tree: self.tree, nq, nv, multiplier, offset, follows, joint }
     }
 
     /// Each joint must move some inertia, or its acceleration is undefined.
@@ -368,32 +419,7 @@ impl Multibody {
 
     /// A workspace at the neutral state.
     pub fn workspace(&self) -> Workspace {
-        let (b, t, n) = (self.bodies.len(), self.tree, self.nv);
-        let mut ws = Workspace {
-            q: vec![0.0; self.nq],
-            v: vec![0.0; n],
-            R_WB: vec![Matrix3::identity(); b],
-            p_WB: vec![Vector3::zeros(); b],
-            S: vec![SpatialVector::zeros(); t],
-            inertia: vec![SpatialInertia::ZERO; b],
-            V: vec![SpatialVector::zeros(); b],
-            c: vec![SpatialVector::zeros(); b],
-            A: vec![SpatialVector::zeros(); b],
-            F: vec![SpatialVector::zeros(); b],
-            external: vec![SpatialVector::zeros(); b],
-            composite: vec![SpatialInertia::ZERO; b],
-            articulated: vec![Matrix6::zeros(); b],
-            bias_force: vec![SpatialVector::zeros(); b],
-            U: vec![SpatialVector::zeros(); t],
-            D: vec![[0.0; 36]; b],
-            u: vec![0.0; t],
-            M: DMatrix::zeros(n, n),
-            factor: vec![0.0; n * n],
-            scratch: vec![0.0; n],
-        };
-        self.neutral_positions(&mut ws.q);
-        self.kinematics(&mut ws);
-        ws
+        Workspace::new(self)
     }
 
     /// Was the workspace made for a multibody of this shape?
@@ -504,10 +530,65 @@ impl Multibody {
         self.inertia[frame.body].moved(&matrix(&X_LB.rotation), &X_LB.translation.vector)
     }
 
-    /// Replaces the inertia of the body that carries a link, given in the link's frame. Takes effect with the next state.
+    /// Replaces the inertia of the body that carries a link, given in the link's frame: the link itself takes the difference,
+    /// and what is fixed to it stays as it is. Takes effect with the next state.
     pub fn set_body_inertia(&mut self, link: LinkId, inertia: &SpatialInertia) {
-        let frame = &self.frames[link.0];
-        self.inertia[frame.body] = inertia.moved(&matrix(&frame.X_BL.rotation), &frame.X_BL.translation.vector);
+        let others = self.body_inertia(link) - self.frames[link.0].inertia;
+        self.set_link_inertia(link, &(*inertia - others));
+    }
+
+    /// Inertia of one link, in its own frame, without what is fixed to it.
+    pub fn link_inertia(&self, link: LinkId) -> &SpatialInertia {
+        &self.frames[link.0].inertia
+    }
+
+    /// Replaces the inertia of one link, given in its own frame. Takes effect with the next state.
+    pub fn set_link_inertia(&mut self, link: LinkId, inertia: &SpatialInertia) {
+        self.frames[link.0].inertia = *inertia;
+        self.lump();
+    }
+
+    /// All joints of the models, fixed ones, followers and bases of parts too: name of the part, name of the joint, kind.
+    pub fn model_joints(&self) -> impl Iterator<Item = (JointId, &str, &str, JointKind)> + '_ {
+        self.mounts.iter().enumerate().map(|(i, m)| (JointId(i), self.parts[m.part].as_str(), m.name.as_str(), m.kind))
+    }
+
+    /// A joint of the models by its name, or by `part/name`; fixed ones, followers and bases of parts too.
+    ///
+    /// # Errors
+    /// There is none, or more than one, of this name.
+    pub fn model_joint(&self, name: &str) -> Result<JointId, DynamicsError> {
+        let mut found = self.mounts.iter().enumerate().filter(|(_, m)| self.answers(name, &self.parts[m.part], &m.name));
+        match (found.next(), found.next()) {
+            (Some((i, _)), None) => Ok(JointId(i)),
+            (None, _) => Err(unknown("joint", name, self.mounts.iter().map(|m| m.name.as_str()))),
+            (Some(_), Some(_)) => Err(ambiguous("joint", name)),
+        }
+    }
+
+    /// Pose of a joint's fixed frame in its parent link; of a part's base in the world or in the link that holds it.
+    pub fn joint_origin(&self, joint: JointId) -> &Isometry3<f64> {
+        &self.mounts[joint.0].X_PJ
+    }
+
+    /// Replaces a joint's origin. Takes effect with the next state. The origin of a floating base has no meaning of its own.
+    pub fn set_joint_origin(&mut self, joint: JointId, X_PJ: &Isometry3<f64>) {
+        self.mounts[joint.0].X_PJ = *X_PJ;
+        self.arrange();
+    }
+
+    /// Axis of a joint in its own frame.
+    pub fn joint_axis(&self, joint: JointId) -> &Unit<Vector3<f64>> {
+        &self.mounts[joint.0].axis
+    }
+
+    /// Replaces a joint's axis, given in its own frame. Takes effect with the next state. Fixed and floating joints have none.
+    pub fn set_joint_axis(&mut self, joint: JointId, axis: &Unit<Vector3<f64>>) {
+        let mount = &mut self.mounts[joint.0];
+        mount.axis = *axis;
+        if mount.kind != JointKind::Fixed {
+            self.bodies[mount.body].motion = Motion::new(mount.kind, axis);
+        }
     }
 
     /// Writes the positions at which every joint's child lies on the joint's frame.

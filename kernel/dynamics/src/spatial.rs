@@ -64,6 +64,19 @@ impl SpatialInertia {
         Self { mass, h: center * mass, I: I_cm + about(mass, center) }
     }
 
+    /// The ten numbers in which a body's motion is linear: mass, mass times the centre of mass (x, y, z), rotational inertia
+    /// about the origin (xx, xy, xz, yy, yz, zz).
+    pub fn entries(&self) -> [f64; 10] {
+        let (h, I) = (&self.h, &self.I);
+        [self.mass, h.x, h.y, h.z, I[(0, 0)], I[(0, 1)], I[(0, 2)], I[(1, 1)], I[(1, 2)], I[(2, 2)]]
+    }
+
+    /// The inverse of [`Self::entries`].
+    pub fn from_entries(e: &[f64; 10]) -> Self {
+        let I = Matrix3::new(e[4], e[5], e[6], e[5], e[7], e[8], e[6], e[8], e[9]);
+        Self { mass: e[0], h: Vector3::new(e[1], e[2], e[3]), I }
+    }
+
     /// Centre of mass; the origin for a massless body.
     pub fn center(&self) -> Vector3<f64> {
         if self.mass > 0.0 { self.h / self.mass } else { Vector3::zeros() }
@@ -129,6 +142,14 @@ impl std::ops::Add for SpatialInertia {
     #[inline]
     fn add(self, other: Self) -> Self {
         Self { mass: self.mass + other.mass, h: self.h + other.h, I: self.I + other.I }
+    }
+}
+
+impl std::ops::Sub for SpatialInertia {
+    type Output = Self;
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        Self { mass: self.mass - other.mass, h: self.h - other.h, I: self.I - other.I }
     }
 }
 

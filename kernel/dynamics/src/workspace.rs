@@ -1,6 +1,7 @@
 use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 
-use crate::{LinkId, SpatialInertia, SpatialVector};
+use crate::algorithms::derivatives::Variation;
+use crate::{LinkId, Multibody, SpatialInertia, SpatialVector};
 
 /// Everything that changes while one multibody is computed with. Made once by [`crate::Multibody::workspace`]; nothing
 /// allocates afterwards. It always holds a state: at first the neutral one at rest.
@@ -43,6 +44,8 @@ pub struct Workspace {
     pub(crate) factor: Vec<f64>,
     /// Scratch by velocity.
     pub(crate) scratch: Vec<f64>,
+    /// What derivatives need.
+    pub(crate) variation: Variation,
 }
 
 /// A force on a link.
@@ -55,6 +58,36 @@ pub struct ExternalWrench {
 }
 
 impl Workspace {
+    pub(crate) fn new(multibody: &Multibody) -> Self {
+        let (b, t, n) = (multibody.bodies.len(), multibody.tree, multibody.nv);
+        let mut ws = Self {
+            q: vec![0.0; multibody.nq],
+            v: vec![0.0; n],
+            R_WB: vec![Matrix3::identity(); b],
+            p_WB: vec![Vector3::zeros(); b],
+            S: vec![SpatialVector::zeros(); t],
+            inertia: vec![SpatialInertia::ZERO; b],
+            V: vec![SpatialVector::zeros(); b],
+            c: vec![SpatialVector::zeros(); b],
+            A: vec![SpatialVector::zeros(); b],
+            F: vec![SpatialVector::zeros(); b],
+            external: vec![SpatialVector::zeros(); b],
+            composite: vec![SpatialInertia::ZERO; b],
+            articulated: vec![Matrix6::zeros(); b],
+            bias_force: vec![SpatialVector::zeros(); b],
+            U: vec![SpatialVector::zeros(); t],
+            D: vec![[0.0; 36]; b],
+            u: vec![0.0; t],
+            M: DMatrix::zeros(n, n),
+            factor: vec![0.0; n * n],
+            scratch: vec![0.0; n],
+            variation: Variation::new(multibody),
+        };
+        multibody.neutral_positions(&mut ws.q);
+        multibody.kinematics(&mut ws);
+        ws
+    }
+
     /// Positions of the state that was set last.
     pub fn q(&self) -> &[f64] {
         &self.q

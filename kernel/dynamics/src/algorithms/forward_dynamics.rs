@@ -34,7 +34,7 @@ impl Multibody {
         if self.has_followers { self.through_mass_matrix(ws, tau, a) } else { self.articulated(ws, tau, a) }
     }
 
-    fn through_mass_matrix(&self, ws: &mut Workspace, tau: &[f64], a: &mut [f64]) -> Result<(), DynamicsError> {
+    pub(crate) fn through_mass_matrix(&self, ws: &mut Workspace, tau: &[f64], a: &mut [f64]) -> Result<(), DynamicsError> {
         self.newton_euler(ws, None, true, a);
         for (a, tau) in a.iter_mut().zip(tau) {
             *a = tau - *a;

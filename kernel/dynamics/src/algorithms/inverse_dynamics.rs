@@ -74,7 +74,7 @@ impl Multibody {
             let mut A = ws.A[body.parent];
             if let Some(a) = a {
                 for k in 0..body.nv {
-                    A += ws.S[body.tree + k] * (body.multiplier * a[body.v + k]);
+                    A += ws.S[body.tree + k] * a[body.v + k];
                 }
             }
             let mut F = -ws.external[i];
@@ -92,7 +92,7 @@ impl Multibody {
             let body = &self.bodies[i];
             let F = ws.F[i];
             for k in 0..body.nv {
-                tau[body.v + k] += body.multiplier * ws.S[body.tree + k].dot(&F);
+                tau[body.v + k] += ws.S[body.tree + k].dot(&F);
             }
             ws.F[body.parent] += F;
         }

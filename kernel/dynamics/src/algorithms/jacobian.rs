@@ -25,7 +25,7 @@ impl Multibody {
                 let S = &ws.S[body.tree + k];
                 let column = join(&angular(S), &(linear(S) + angular(S).cross(&p_WQ)));
                 let mut J_k = J.column_mut(body.v + k);
-                J_k += column * body.multiplier;
+                J_k += column;
             }
             at = body.parent;
         }

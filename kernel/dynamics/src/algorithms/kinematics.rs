@@ -1,7 +1,8 @@
 //! Poses and velocities of all bodies.
 //!
 //! From parent `P` to child `B`: `X_WB = X_WP X_PJ X_JB(q)` and `V_WB = V_WP + S v`, where the columns of `S` are the
-//! joint's motion subspace in the world. `S` is constant in the child, so `dS/dt = V_WB x S`, and the joint adds the
+//! joint's motion subspace in the world; those of a joint that follows another hold its ratio, so that `v` is always the
+//! leader's. `S` is constant in the child, so `dS/dt = V_WB x S`, and the joint adds the
 //! acceleration `c = V_WB x S v` at constant `v` (Featherstone 2008, section 4.4, in world coordinates).
 
 use nalgebra::Isometry3;
@@ -55,12 +56,16 @@ impl Multibody {
             let (R_WP, p_WP) = (&ws.R_WB[body.parent], &ws.p_WB[body.parent]);
             let (R_WJ, p_WJ) = (R_WP * body.R_PJ, p_WP + R_WP * body.p_PJ);
             let (R_JB, p_JB) = if body.follows {
-                body.motion.pose(&[body.multiplier * ws.q[body.q] + body.offset])
+                body.motion.pose(&[body.ratio * ws.q[body.q] + body.offset])
             } else {
                 body.motion.pose(&ws.q[body.q..body.q + body.nq])
             };
             let (R, p) = (R_WJ * R_JB, p_WJ + R_WJ * p_JB);
-            body.motion.subspace(&R, &p, &mut ws.S[body.tree..body.tree + body.nv]);
+            let S = &mut ws.S[body.tree_range()];
+            body.motion.subspace(&R, &p, S);
+            if body.follows {
+                S[0] *= body.ratio;
+            }
             ws.inertia[i] = self.inertia[i].moved(&R, &p);
             ws.R_WB[i] = R;
             ws.p_WB[i] = p;
@@ -73,7 +78,7 @@ impl Multibody {
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let mut Sv = SpatialVector::zeros();
             for k in 0..body.nv {
-                Sv += ws.S[body.tree + k] * (body.multiplier * ws.v[body.v + k]);
+                Sv += ws.S[body.tree + k] * ws.v[body.v + k];
             }
             let V = ws.V[body.parent] + Sv;
             ws.c[i] = cross_motion(&V, &Sv);

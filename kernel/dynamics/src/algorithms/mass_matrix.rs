@@ -31,16 +31,16 @@ impl Multibody {
                 ws.composite[body.parent] += inertia;
             }
             for k in 0..body.nv {
-                let F = inertia.times(&ws.S[body.tree + k]) * body.multiplier;
+                let F = inertia.times(&ws.S[body.tree + k]);
                 let column = body.v + k;
                 for l in 0..=k {
-                    add(&mut ws.M, body.v + l, column, l == k, ws.S[body.tree + l].dot(&F) * body.multiplier);
+                    add(&mut ws.M, body.v + l, column, l == k, ws.S[body.tree + l].dot(&F));
                 }
                 let mut at = body.parent;
                 while at != 0 {
                     let ancestor = &self.bodies[at];
                     for l in 0..ancestor.nv {
-                        let entry = ws.S[ancestor.tree + l].dot(&F) * ancestor.multiplier;
+                        let entry = ws.S[ancestor.tree + l].dot(&F);
                         add(&mut ws.M, ancestor.v + l, column, false, entry);
                     }
                     at = ancestor.parent;

@@ -1,5 +1,7 @@
 //! One algorithm a file. All of them answer for the state that [`crate::Multibody::set_state`] put into the workspace.
 
+pub(crate) mod adjoint;
+pub(crate) mod derivatives;
 mod forward_dynamics;
 mod inverse_dynamics;
 mod jacobian;
