@@ -43,6 +43,7 @@ mod workspace;
 pub use algorithms::adjoint::{Adjoint, RigidGradient};
 pub use algorithms::derivatives::{ForwardDynamicsDerivatives, InverseDynamicsDerivatives};
 pub use algorithms::momentum::Momentum;
+pub use algorithms::parameters::RigidParameter;
 pub use complementarity::Held;
 pub use error::DynamicsError;
 pub use joint::plane_axes;

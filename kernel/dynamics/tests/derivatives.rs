@@ -4,11 +4,11 @@
 mod common;
 
 use common::{menagerie, panda, random, random_state, random_vector};
-use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand_pcg::Pcg64;
 use sagci_dynamics::{
-    Adjoint, Base, ExternalWrench, ForwardDynamicsDerivatives, InverseDynamicsDerivatives, Multibody, Part, RigidGradient, SpatialInertia,
-    SpatialVector, plane_axes, wrench_at_origin,
+    Adjoint, Base, ExternalWrench, ForwardDynamicsDerivatives, InverseDynamicsDerivatives, Multibody, Part, RigidGradient, RigidParameter,
+    SpatialInertia, SpatialVector, plane_axes, wrench_at_origin,
 };
 use sagci_model::JointKind;
 
@@ -178,7 +178,7 @@ fn reverse_sweep_is_the_transpose_of_the_derivatives() {
         let mut d = InverseDynamicsDerivatives::new(&scene.multibody);
         scene.multibody.set_state(&mut ws, &scene.q, &scene.v).unwrap();
         scene.multibody.inverse_dynamics_derivatives(&mut ws, &scene.a, &scene.external, &mut d).unwrap();
-        let lambda = nalgebra::DVector::from_column_slice(&scene.lambda);
+        let lambda = DVector::from_column_slice(&scene.lambda);
         agree("by q", &adjoint.q, d.d_q.tr_mul(&lambda).as_slice(), 1e-12);
         agree("by v", &adjoint.v, d.d_v.tr_mul(&lambda).as_slice(), 1e-12);
         agree("by a", &adjoint.a, (scene.multibody.mass_matrix(&mut ws).unwrap() * &lambda).as_slice(), 1e-12);
@@ -343,5 +343,90 @@ fn seeds_on_poses_and_velocities_are_carried_to_state_and_parameters() {
         // Seeds are used once.
         multibody.inverse_dynamics_adjoint(&mut ws, &zeros, &zeros, &[], false, &mut adjoint).unwrap();
         assert!(adjoint.v.iter().all(|x| *x == 0.0), "seeds must be taken once");
+    }
+}
+
+#[test]
+fn columns_by_parameter_are_what_the_reverse_sweep_transposes() {
+    let mut rng = random(68);
+    for trial in 0..4 {
+        let scene = scene(trial % 2 == 0, &mut rng);
+        let multibody = &scene.multibody;
+        let (_, gradient) = sweep(&scene);
+        let (mut which, mut expected) = (Vec::new(), Vec::new());
+        for (i, (link, ..)) in multibody.links().enumerate() {
+            for e in 0..10 {
+                which.push(RigidParameter::Inertia(link, e));
+                expected.push(gradient.inertia[i][e]);
+            }
+        }
+        for (i, (joint, ..)) in multibody.model_joints().enumerate() {
+            for e in 0..6 {
+                which.push(RigidParameter::Origin(joint, e));
+                expected.push(gradient.origin[i][e]);
+            }
+            let across = plane_axes(multibody.joint_axis(joint));
+            for (e, toward) in across.iter().enumerate() {
+                which.push(RigidParameter::Axis(joint, e));
+                expected.push(gradient.axis[i].dot(toward));
+            }
+        }
+        for v in 0..multibody.nv() {
+            which.push(RigidParameter::Armature(v));
+            expected.push(gradient.armature[v]);
+        }
+        for k in 0..3 {
+            which.push(RigidParameter::Gravity(k));
+            expected.push(gradient.gravity[k]);
+        }
+        let mut columns = DMatrix::zeros(multibody.nv(), which.len());
+        let mut ws = multibody.workspace();
+        multibody.set_state(&mut ws, &scene.q, &scene.v).unwrap();
+        multibody.inverse_dynamics_by_parameters(&mut ws, &scene.a, &scene.external, &which, &mut columns).unwrap();
+        let ours = columns.tr_mul(&DVector::from_column_slice(&scene.lambda));
+        for ((which, ours), expected) in which.iter().zip(ours.iter()).zip(&expected) {
+            assert!((ours - expected).abs() < 1e-10 * (1.0 + expected.abs()), "{which:?}: {ours} {expected}");
+        }
+        assert!(
+            multibody
+                .inverse_dynamics_by_parameters(
+                    &mut ws,
+                    &scene.a,
+                    &[],
+                    &[RigidParameter::Armature(999)],
+                    &mut DMatrix::zeros(multibody.nv(), 1)
+                )
+                .is_err()
+        );
+    }
+}
+
+#[test]
+fn efforts_are_the_torque_regressor_times_the_inertias() {
+    let mut rng = random(69);
+    for followers in [false, true] {
+        let scene = scene(followers, &mut rng);
+        let mut multibody = scene.multibody.clone();
+        multibody.armature_mut().fill(0.0);
+        let mut ws = multibody.workspace();
+        multibody.set_state(&mut ws, &scene.q, &scene.v).unwrap();
+        let mut tau = vec![0.0; multibody.nv()];
+        multibody.inverse_dynamics(&mut ws, &scene.a, &[], &mut tau).unwrap();
+        let blocks = multibody.links().filter_map(|(l, ..)| multibody.regressor_columns(l)).map(|r| r.end).max().unwrap();
+        let mut Y = DMatrix::zeros(multibody.nv(), blocks);
+        multibody.torque_regressor(&mut ws, &scene.a, &mut Y).unwrap();
+        // A link that a joint moves stands for its body; bodies stand in the order of those links.
+        let moved: Vec<_> = multibody
+            .model_joints()
+            .zip(multibody.links())
+            .filter(|((_, _, _, kind), _)| *kind != JointKind::Fixed)
+            .map(|(_, (link, ..))| link)
+            .collect();
+        let mut pi = DVector::zeros(blocks);
+        for link in moved {
+            let columns = multibody.regressor_columns(link).unwrap();
+            pi.rows_mut(columns.start, 10).copy_from_slice(&multibody.body_inertia(link).entries());
+        }
+        agree("efforts", (Y * pi).as_slice(), &tau, 1e-12);
     }
 }

@@ -198,7 +198,11 @@ impl Multibody {
                 x.N[i] -= cross_force(V, &x.velocity[i]) + x.pose[i];
             }
             if parameters {
-                add_inertial(&mut x.bodies[i].inertia, &ws.R_WB[i], &ws.p_WB[i], [(&W, &A), (&U, V)]);
+                let (R, p) = (&ws.R_WB[i], &ws.p_WB[i]);
+                let g = &mut x.bodies[i].inertia;
+                let (W, V) = (to_body(&W, R, p), to_body(V, R, p));
+                add_inertial(g, &W, &to_body(&A, R, p));
+                add_inertial(g, &cross_motion(&W, &V), &V);
             }
             (ws.A[i], x.W[i]) = (A, W);
         }
@@ -323,27 +327,28 @@ pub(crate) fn by_axis(kind: JointKind, n: &Vector3<f64>, turn: &Vector3<f64>) ->
     }
 }
 
-/// Adds the gradient of `sum X . I Y` by the ten entries of `I` in the frame at `R`, `p`.
+/// A motion at the world's origin, written in the frame at `R`, `p`.
 #[inline]
-fn add_inertial(g: &mut [f64; 10], R: &Matrix3<f64>, p: &Vector3<f64>, pairs: [(&SpatialVector, &SpatialVector); 2]) {
-    for (X, Y) in pairs {
-        let local = |V: &SpatialVector| {
-            let omega = angular(V);
-            (R.tr_mul(&omega), R.tr_mul(&(linear(V) + omega.cross(p))))
-        };
-        let ((w, u), (x, y)) = (local(X), local(Y));
-        let h = y.cross(&w) + u.cross(&x);
-        g[0] += u.dot(&y);
-        g[1] += h.x;
-        g[2] += h.y;
-        g[3] += h.z;
-        g[4] += w.x * x.x;
-        g[5] += w.x * x.y + w.y * x.x;
-        g[6] += w.x * x.z + w.z * x.x;
-        g[7] += w.y * x.y;
-        g[8] += w.y * x.z + w.z * x.y;
-        g[9] += w.z * x.z;
-    }
+pub(crate) fn to_body(V: &SpatialVector, R: &Matrix3<f64>, p: &Vector3<f64>) -> SpatialVector {
+    let omega = angular(V);
+    join(&R.tr_mul(&omega), &R.tr_mul(&(linear(V) + omega.cross(p))))
+}
+
+/// Adds the gradient of `X . I Y` by the ten entries of `I`, all in one frame.
+#[inline]
+pub(crate) fn add_inertial(g: &mut [f64; 10], X: &SpatialVector, Y: &SpatialVector) {
+    let ((w, u), (x, y)) = ((angular(X), linear(X)), (angular(Y), linear(Y)));
+    let h = y.cross(&w) + u.cross(&x);
+    g[0] += u.dot(&y);
+    g[1] += h.x;
+    g[2] += h.y;
+    g[3] += h.z;
+    g[4] += w.x * x.x;
+    g[5] += w.x * x.y + w.y * x.x;
+    g[6] += w.x * x.z + w.z * x.x;
+    g[7] += w.y * x.y;
+    g[8] += w.y * x.z + w.z * x.y;
+    g[9] += w.z * x.z;
 }
 
 /// The symmetric matrix whose product with `I` is the gradient's share of the rotational inertia.

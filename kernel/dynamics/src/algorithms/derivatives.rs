@@ -124,8 +124,8 @@ pub(crate) struct Variation {
     /// Row-major, by velocity.
     pub d_q: Vec<f64>,
     pub d_v: Vec<f64>,
-    /// The inverse of the mass matrix, row-major.
-    pub inverse: Vec<f64>,
+    /// Scratch: which bodies belong to a subtree.
+    pub inside: Vec<bool>,
 }
 
 impl Variation {
@@ -144,7 +144,7 @@ impl Variation {
             y: vec![Vector3::zeros(); t],
             d_q: vec![0.0; n * n],
             d_v: vec![0.0; n * n],
-            inverse: vec![0.0; n * n],
+            inside: vec![false; b],
         }
     }
 }

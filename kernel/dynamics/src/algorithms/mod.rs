@@ -8,3 +8,5 @@ mod jacobian;
 mod kinematics;
 mod mass_matrix;
 pub(crate) mod momentum;
+pub(crate) mod parameters;
+mod regressor;
