@@ -1,4 +1,5 @@
-//! Dense Cholesky factorisation in place, row-major, for the small matrices of one tree.
+//! Cholesky factorisations in place, row-major, for the small matrices of one tree: dense, and the one that keeps the zeros
+//! between branches.
 
 /// Factors the lower triangle of the symmetric, row-major `n x n` matrix `A` as `L L^T`, in place.
 ///
@@ -55,5 +56,134 @@ pub fn cholesky_solve(L: &[f64], n: usize, x: &mut [f64]) {
             s -= L[k * n + i] * x[k];
         }
         x[i] = s / L[i * n + i];
+    }
+}
+
+/// Factors the symmetric, row-major `n x n` matrix `A`, of which the lower triangle is given, as `L^T D L` in place (Featherstone
+/// 2008, section 6.5). `before[i]` is the row that row `i` stands on, plus one, and zero for a root: `A` must be zero between
+/// rows of different branches, and `L` is then too. The diagonal takes `1 / D`.
+///
+/// # Errors
+/// The index of the first pivot that is not positive (or not a number).
+pub(crate) fn tree_factor(A: &mut [f64], before: &[usize]) -> Result<(), usize> {
+    let n = before.len();
+    for k in (0..n).rev() {
+        let (above, row_k) = A.split_at_mut(k * n);
+        let row_k = &mut row_k[..k + 1];
+        let d = row_k[k];
+        if d.is_nan() || d <= 0.0 {
+            return Err(k);
+        }
+        let inverse = 1.0 / d;
+        row_k[k] = inverse;
+        let mut i = before[k];
+        while i != 0 {
+            let factor = row_k[i - 1] * inverse;
+            // What lies between the branches is zero in row `k`, and stays as it is.
+            for (x, y) in above[(i - 1) * n..(i - 1) * n + i].iter_mut().zip(&row_k[..i]) {
+                *x -= factor * y;
+            }
+            row_k[i - 1] = factor;
+            i = before[i - 1];
+        }
+    }
+    Ok(())
+}
+
+/// Solves `L^T D L x = b` in place, with the factor from [`tree_factor`].
+pub(crate) fn tree_solve(L: &[f64], before: &[usize], x: &mut [f64]) {
+    let n = before.len();
+    for k in (0..n).rev() {
+        let (above, below) = x.split_at_mut(k);
+        for (x, l) in above.iter_mut().zip(&L[k * n..k * n + k]) {
+            *x -= l * below[0];
+        }
+    }
+    for k in 0..n {
+        let row = &L[k * n..k * n + k + 1];
+        let sum: f64 = row[..k].iter().zip(&x[..k]).map(|(l, x)| l * x).sum();
+        x[k] = x[k] * row[k] - sum;
+    }
+}
+
+/// Writes the inverse of `L^T D L`, row-major and symmetric, with the factor from [`tree_factor`]. `X` is scratch of the same
+/// size.
+pub(crate) fn tree_inverse(L: &[f64], n: usize, X: &mut [f64], inverse: &mut [f64]) {
+    // X = L^-1: its row `i` is e_i less the factors of that row times the rows above it.
+    for i in 0..n {
+        let (above, row) = X.split_at_mut(i * n);
+        let row = &mut row[..n];
+        row.fill(0.0);
+        for (k, l) in L[i * n..i * n + i].iter().enumerate() {
+            if *l != 0.0 {
+                for (x, y) in row[..k + 1].iter_mut().zip(&above[k * n..k * n + k + 1]) {
+                    *x -= l * y;
+                }
+            }
+        }
+        row[i] = 1.0;
+    }
+    // The inverse is the sum over k of column k of X times its transpose, over d_k. Its row `i` gathers x_ik / d_k times
+    // column k, and columns of X are rows of its transpose, which is kept in the upper half of X.
+    for i in 0..n {
+        for j in 0..i {
+            X[j * n + i] = X[i * n + j];
+        }
+    }
+    for i in 0..n {
+        let row = &mut inverse[i * n..(i + 1) * n];
+        row.fill(0.0);
+        for k in 0..i + 1 {
+            let scaled = X[i * n + k] * L[k * n + k];
+            if scaled != 0.0 {
+                for (y, x) in row[i..].iter_mut().zip(&X[k * n + i..(k + 1) * n]) {
+                    *y += scaled * x;
+                }
+            }
+        }
+    }
+    for i in 0..n {
+        for j in 0..i {
+            inverse[i * n + j] = inverse[j * n + i];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn a_branched_matrix_is_factored_solved_and_inverted() {
+        // Two branches of two rows each, on a trunk of two; and a root of its own.
+        let before = [0, 1, 2, 3, 2, 5, 0];
+        let n = before.len();
+        let mut full = vec![0.0; n * n];
+        for i in 0..n {
+            full[i * n + i] = 3.0 + i as f64;
+            let mut j = before[i];
+            while j != 0 {
+                full[i * n + j - 1] = 0.3 * (i as f64) - 0.2 * (j as f64) + 0.1;
+                full[(j - 1) * n + i] = full[i * n + j - 1];
+                j = before[j - 1];
+            }
+        }
+        let (mut L, mut X, mut inverse) = (full.clone(), vec![0.0; n * n], vec![0.0; n * n]);
+        tree_factor(&mut L, &before).unwrap();
+        tree_inverse(&L, n, &mut X, &mut inverse);
+        for k in 0..n {
+            let mut x = vec![0.0; n];
+            x[k] = 1.0;
+            tree_solve(&L, &before, &mut x);
+            for i in 0..n {
+                let unit: f64 = (0..n).map(|j| full[i * n + j] * x[j]).sum();
+                assert!((unit - if i == k { 1.0 } else { 0.0 }).abs() < 1e-13);
+                assert!((inverse[i * n + k] - x[i]).abs() < 1e-14);
+            }
+        }
+        full[3 * n + 3] = -1.0;
+        assert_eq!(tree_factor(&mut full, &before), Err(3));
     }
 }

@@ -119,10 +119,16 @@ pub(crate) struct Body {
     /// Pose of the joint's fixed frame on the parent body.
     pub R_PJ: Matrix3<f64>,
     pub p_PJ: Vector3<f64>,
+    /// The joint's axis on the parent body.
+    pub axis_P: Vector3<f64>,
+    /// `R_PB = turn[0] + cos q turn[1] + sin q turn[2]` for a joint that turns about its axis alone.
+    pub turn: [Matrix3<f64>; 3],
     /// First entries of its joint in `q`, in `v`, and among the tree's own degrees of freedom.
     pub q: usize,
     pub v: usize,
     pub tree: usize,
+    /// First degree of freedom of the branch of the world that it belongs to: its ancestors stand between this and its own.
+    pub first: usize,
     /// Number of positions and of degrees of freedom.
     pub nq: usize,
     pub nv: usize,
@@ -143,6 +149,15 @@ impl Body {
     fn place(&mut self, X_PJ: &Isometry3<f64>) {
         self.R_PJ = matrix(&X_PJ.rotation);
         self.p_PJ = X_PJ.translation.vector;
+        self.prepare();
+    }
+
+    /// Constants of the fast ways through kinematics. Rodrigues: `R_JB = n n^T + cos q (1 - n n^T) + sin q [n x]`.
+    fn prepare(&mut self) {
+        let n = self.motion.axis;
+        let along = n * n.transpose();
+        self.axis_P = self.R_PJ * n;
+        self.turn = [self.R_PJ * along, self.R_PJ * (Matrix3::identity() - along), self.R_PJ * n.cross_matrix()];
     }
 }
 
@@ -165,6 +180,9 @@ pub struct Multibody {
     pub(crate) nv: usize,
     pub(crate) tree: usize,
     pub(crate) has_followers: bool,
+    /// By velocity: the velocity before it on its way to the world, plus one; zero for none. Where joints follow others, each
+    /// stands on the one before it, for then any two can be coupled.
+    pub(crate) before: Vec<usize>,
 }
 
 impl Multibody {
@@ -179,9 +197,12 @@ impl Multibody {
             motion: Motion::new(JointKind::Fixed, &Vector3::z_axis()),
             R_PJ: Matrix3::identity(),
             p_PJ: Vector3::zeros(),
+            axis_P: Vector3::zeros(),
+            turn: [Matrix3::identity(); 3],
             q: 0,
             v: 0,
             tree: 0,
+            first: 0,
             nq: 0,
             nv: 0,
             ratio: 1.0,
@@ -202,10 +223,12 @@ impl Multibody {
             nv: 0,
             tree: 0,
             has_followers: false,
+            before: Vec::new(),
         };
         for part in parts {
             built.add(part)?;
         }
+        built.link_velocities();
         built.armature = vec![0.0; built.nv];
         built.check_inertia()?;
         Ok(built)
@@ -335,6 +358,17 @@ impl Multibody {
         Ok(())
     }
 
+    fn link_velocities(&mut self) {
+        self.before = (0..self.nv).collect();
+        if self.has_followers {
+            return;
+        }
+        for body in self.bodies.iter().skip(1) {
+            let parent = &self.bodies[body.parent];
+            self.before[body.v] = if body.parent == 0 { 0 } else { parent.v + parent.nv };
+        }
+    }
+
     /// Puts links and joints where the origins of all joints say, and adds up what each body carries.
     fn arrange(&mut self) {
         for mount in &self.mounts {
@@ -399,7 +433,9 @@ impl Multibody {
         let (q, v) = (self.joints[joint].q.start, self.joints[joint].v.start);
         let (R_PJ, p_PJ) = (Matrix3::identity(), Vector3::zeros());
         self.has_followers |= follows;
-        self.bodies.push(Body { parent, motion, R_PJ, p_PJ, q, v, tree: self.tree, nq, nv, ratio, offset, follows, joint });
+        let (axis_P, turn, tree) = (Vector3::zeros(), [Matrix3::identity(); 3], self.tree);
+        let first = if parent == 0 { tree } else { self.bodies[parent].first };
+        self.bodies.push(Body { parent, motion, R_PJ, p_PJ, axis_P, turn, q, v, tree, first, nq, nv, ratio, offset, follows, joint });
         self.inertia.push(SpatialInertia::ZERO);
         self.tree += nv;
         self.bodies.len() - 1
@@ -588,6 +624,7 @@ impl Multibody {
         mount.axis = *axis;
         if mount.kind != JointKind::Fixed {
             self.bodies[mount.body].motion = Motion::new(mount.kind, axis);
+            self.bodies[mount.body].prepare();
         }
     }
 

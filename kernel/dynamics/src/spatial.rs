@@ -23,6 +23,47 @@ pub(crate) fn linear(V: &SpatialVector) -> Vector3<f64> {
     Vector3::new(V[3], V[4], V[5])
 }
 
+// nalgebra's general products loop over sizes; these are written out, since everything is made of them.
+
+/// `A b`.
+#[inline(always)]
+pub(crate) fn mul(A: &Matrix3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(A.m11 * b.x + A.m12 * b.y + A.m13 * b.z, A.m21 * b.x + A.m22 * b.y + A.m23 * b.z, A.m31 * b.x + A.m32 * b.y + A.m33 * b.z)
+}
+
+/// `A^T b`.
+#[inline(always)]
+pub(crate) fn tr_mul(A: &Matrix3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(A.m11 * b.x + A.m21 * b.y + A.m31 * b.z, A.m12 * b.x + A.m22 * b.y + A.m32 * b.z, A.m13 * b.x + A.m23 * b.y + A.m33 * b.z)
+}
+
+/// `A B`.
+#[inline(always)]
+pub(crate) fn mul_mat(A: &Matrix3<f64>, B: &Matrix3<f64>) -> Matrix3<f64> {
+    let column = |x: f64, y: f64, z: f64| mul(A, &Vector3::new(x, y, z));
+    let (a, b, c) = (column(B.m11, B.m21, B.m31), column(B.m12, B.m22, B.m32), column(B.m13, B.m23, B.m33));
+    Matrix3::new(a.x, b.x, c.x, a.y, b.y, c.y, a.z, b.z, c.z)
+}
+
+/// `R I R^T` for a symmetric `I`.
+#[inline(always)]
+fn turned(R: &Matrix3<f64>, I: &Matrix3<f64>) -> Matrix3<f64> {
+    let T = mul_mat(R, I);
+    let xx = T.m11 * R.m11 + T.m12 * R.m12 + T.m13 * R.m13;
+    let xy = T.m11 * R.m21 + T.m12 * R.m22 + T.m13 * R.m23;
+    let xz = T.m11 * R.m31 + T.m12 * R.m32 + T.m13 * R.m33;
+    let yy = T.m21 * R.m21 + T.m22 * R.m22 + T.m23 * R.m23;
+    let yz = T.m21 * R.m31 + T.m22 * R.m32 + T.m23 * R.m33;
+    let zz = T.m31 * R.m31 + T.m32 * R.m32 + T.m33 * R.m33;
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+}
+
+/// `a . b` of a motion and a force.
+#[inline(always)]
+pub(crate) fn dot(a: &SpatialVector, b: &SpatialVector) -> f64 {
+    (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
+}
+
 /// `V x W`: the rate of a motion `W` that is carried along by `V`.
 #[inline]
 pub fn cross_motion(V: &SpatialVector, W: &SpatialVector) -> SpatialVector {
@@ -91,19 +132,30 @@ impl SpatialInertia {
     #[inline]
     pub fn moved(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
         // With c = p + R h / m:  I' = R (I - m(...)) R^T + m(...) written without the division by m.
-        let h = R * self.h;
-        let I = R * self.I * R.transpose();
-        let cross = p.dot(&h);
-        // -(p x)(h x) - (h x)(p x) = 2 (p.h) 1 - p h^T - h p^T
-        let shift = Matrix3::from_diagonal_element(2.0 * cross) - p * h.transpose() - h * p.transpose();
-        Self { mass: self.mass, h: h + p * self.mass, I: I + shift + about(self.mass, p) }
+        // -(p x)(h x) - (h x)(p x) = 2 (p.h) 1 - p h^T - h p^T, and m (p.p 1 - p p^T): with b = 2 h + m p both are
+        // (p.b) 1 less the symmetric part of p b^T.
+        let h = mul(R, &self.h);
+        let mut I = turned(R, &self.I);
+        let b = h * 2.0 + p * self.mass;
+        let along = p.dot(&b);
+        I.m11 += along - p.x * b.x;
+        I.m22 += along - p.y * b.y;
+        I.m33 += along - p.z * b.z;
+        let (xy, xz, yz) = (0.5 * (p.x * b.y + p.y * b.x), 0.5 * (p.x * b.z + p.z * b.x), 0.5 * (p.y * b.z + p.z * b.y));
+        I.m12 -= xy;
+        I.m21 -= xy;
+        I.m13 -= xz;
+        I.m31 -= xz;
+        I.m23 -= yz;
+        I.m32 -= yz;
+        Self { mass: self.mass, h: h + p * self.mass, I }
     }
 
     /// Momentum of the body that moves with `V`.
     #[inline]
     pub fn times(&self, V: &SpatialVector) -> SpatialVector {
         let (omega, v) = (angular(V), linear(V));
-        join(&(self.I * omega + self.h.cross(&v)), &(v * self.mass - self.h.cross(&omega)))
+        join(&(mul(&self.I, &omega) + self.h.cross(&v)), &(v * self.mass - self.h.cross(&omega)))
     }
 
     /// As a 6 x 6 matrix.

@@ -26,6 +26,10 @@ pub struct Workspace {
     pub(crate) c: Vec<SpatialVector>,
     /// Acceleration, then scratch.
     pub(crate) A: Vec<SpatialVector>,
+    /// Momentum.
+    pub(crate) P: Vec<SpatialVector>,
+    /// The force that each body's inertia needs, without external ones.
+    pub(crate) inertial: Vec<SpatialVector>,
     /// Forces, then scratch.
     pub(crate) F: Vec<SpatialVector>,
     /// External force on each body; zero unless being applied.
@@ -39,11 +43,16 @@ pub struct Workspace {
     /// Factor of each joint's inertia, 6 x 6 at most, and its right-hand side.
     pub(crate) D: Vec<[f64; 36]>,
     pub(crate) u: Vec<f64>,
-    /// Mass matrix, and its Cholesky factor, row-major.
+    /// `S` by rows: entry `r` of all columns one after the other.
+    pub(crate) S_rows: Vec<f64>,
+    /// Composite inertia times `S`, by degree of freedom of the tree.
+    pub(crate) IS: Vec<SpatialVector>,
+    /// Mass matrix, and its factor [`crate::linear::tree_factor`].
     pub(crate) M: DMatrix<f64>,
-    pub(crate) factor: Vec<f64>,
-    /// Scratch by velocity.
+    pub(crate) tree_factor: Vec<f64>,
+    /// Scratch by velocity, and by degree of freedom of the tree.
     pub(crate) scratch: Vec<f64>,
+    pub(crate) scratch_row: Vec<f64>,
     /// What derivatives need.
     pub(crate) variation: Variation,
 }
@@ -70,6 +79,8 @@ impl Workspace {
             V: vec![SpatialVector::zeros(); b],
             c: vec![SpatialVector::zeros(); b],
             A: vec![SpatialVector::zeros(); b],
+            P: vec![SpatialVector::zeros(); b],
+            inertial: vec![SpatialVector::zeros(); b],
             F: vec![SpatialVector::zeros(); b],
             external: vec![SpatialVector::zeros(); b],
             composite: vec![SpatialInertia::ZERO; b],
@@ -79,8 +90,11 @@ impl Workspace {
             D: vec![[0.0; 36]; b],
             u: vec![0.0; t],
             M: DMatrix::zeros(n, n),
-            factor: vec![0.0; n * n],
+            S_rows: vec![0.0; 6 * t],
+            IS: vec![SpatialVector::zeros(); t],
+            tree_factor: vec![0.0; n * n],
             scratch: vec![0.0; n],
+            scratch_row: vec![0.0; t],
             variation: Variation::new(multibody),
         };
         multibody.neutral_positions(&mut ws.q);

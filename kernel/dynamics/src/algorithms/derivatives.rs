@@ -27,8 +27,9 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::error::check;
+use crate::linear::tree_inverse;
 use crate::multibody::length;
-use crate::spatial::{angular, join, linear};
+use crate::spatial::{angular, dot, join, linear, mul, tr_mul};
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialInertia, SpatialVector, Workspace, cross_force, cross_motion};
 
 /// Derivatives of the efforts `tau = ID(q, v, a)`; those by `a` are the mass matrix. Rows by effort, columns by the entry of
@@ -81,30 +82,29 @@ impl Rate {
     /// For a body with inertia `I` and momentum `P`, moving with `V`.
     #[inline]
     pub fn new(I: &SpatialInertia, V: &SpatialVector, P: &SpatialVector) -> Self {
-        let (w, v, L) = (angular(V), linear(V), angular(P));
-        let turned = cross_columns(&w, &I.I);
-        let vh = v * I.h.transpose();
-        // -[v x][h x] - [h x][v x] = 2 (v.h) 1 - v h^T - h v^T
-        let rate = turned + turned.transpose() + Matrix3::from_diagonal_element(2.0 * v.dot(&I.h)) - vh - vh.transpose();
-        Self { R: rate - L.cross_matrix(), p: linear(P) }
+        let (w, v, L, h, J) = (angular(V), linear(V), angular(P), &I.h, &I.I);
+        // T = [w x] J - v h^T; the rate of J is T + T^T + 2 (v.h) 1.
+        let along = 2.0 * v.dot(h);
+        let xx = 2.0 * (w.y * J.m31 - w.z * J.m21 - v.x * h.x) + along;
+        let yy = 2.0 * (w.z * J.m12 - w.x * J.m32 - v.y * h.y) + along;
+        let zz = 2.0 * (w.x * J.m23 - w.y * J.m13 - v.z * h.z) + along;
+        let xy = (w.y * J.m32 - w.z * J.m22 - v.x * h.y) + (w.z * J.m11 - w.x * J.m31 - v.y * h.x);
+        let xz = (w.y * J.m33 - w.z * J.m23 - v.x * h.z) + (w.x * J.m21 - w.y * J.m11 - v.z * h.x);
+        let yz = (w.z * J.m13 - w.x * J.m33 - v.y * h.z) + (w.x * J.m22 - w.y * J.m12 - v.z * h.y);
+        let R = Matrix3::new(xx, xy + L.z, xz - L.y, xy - L.z, yy, yz + L.x, xz + L.y, yz - L.x, zz);
+        Self { R, p: linear(P) }
     }
 
     #[inline]
     pub fn times(&self, w: &Vector3<f64>) -> SpatialVector {
-        join(&(self.R * w), &(w.cross(&self.p) * 2.0))
+        join(&mul(&self.R, w), &(w.cross(&self.p) * 2.0))
     }
 
     /// The angular part of the transposed product; its linear part is zero.
     #[inline]
     pub fn transposed_times(&self, S: &SpatialVector) -> Vector3<f64> {
-        self.R.tr_mul(&angular(S)) + self.p.cross(&linear(S)) * 2.0
+        tr_mul(&self.R, &angular(S)) + self.p.cross(&linear(S)) * 2.0
     }
-}
-
-/// `w x` each column.
-#[inline]
-fn cross_columns(w: &Vector3<f64>, A: &Matrix3<f64>) -> Matrix3<f64> {
-    Matrix3::from_columns(&[w.cross(&A.column(0)), w.cross(&A.column(1)), w.cross(&A.column(2))])
 }
 
 /// What derivatives need beside the state. By body unless said otherwise; sums over subtrees after
@@ -116,14 +116,20 @@ pub(crate) struct Variation {
     pub inertial: Vec<SpatialVector>,
     pub external: Vec<SpatialVector>,
     /// By degree of freedom of the tree.
-    pub D: Vec<SpatialVector>,
+    pub D: Vec<Vector3<f64>>,
     pub E: Vec<SpatialVector>,
     pub H: Vec<SpatialVector>,
-    pub U: Vec<SpatialVector>,
     pub y: Vec<Vector3<f64>>,
+    /// `E`, `H` and the angular part of `D` by rows, as the workspace's `S_rows`.
+    rows: Vec<f64>,
+    /// One row of each table, and one column.
+    line: Vec<[f64; 4]>,
     /// Row-major, by velocity.
     pub d_q: Vec<f64>,
     pub d_v: Vec<f64>,
+    /// Scratch, and the inverse of the mass matrix.
+    square: Vec<f64>,
+    pub inverse: Vec<f64>,
     /// Scratch: which bodies belong to a subtree.
     pub inside: Vec<bool>,
 }
@@ -132,18 +138,20 @@ impl Variation {
     pub fn new(multibody: &Multibody) -> Self {
         let (b, t, n) = (multibody.bodies.len(), multibody.tree, multibody.nv);
         let by_body = || vec![SpatialVector::zeros(); b];
-        let by_tree = || vec![SpatialVector::zeros(); t];
         Self {
             rate: vec![Rate::ZERO; b],
             inertial: by_body(),
             external: by_body(),
-            D: by_tree(),
-            E: by_tree(),
-            H: by_tree(),
-            U: by_tree(),
+            D: vec![Vector3::zeros(); t],
+            E: vec![SpatialVector::zeros(); t],
+            H: vec![SpatialVector::zeros(); t],
             y: vec![Vector3::zeros(); t],
+            rows: vec![0.0; 15 * t],
+            line: vec![[0.0; 4]; t],
             d_q: vec![0.0; n * n],
             d_v: vec![0.0; n * n],
+            square: vec![0.0; n * n],
+            inverse: vec![0.0; n * n],
             inside: vec![false; b],
         }
     }
@@ -167,7 +175,8 @@ impl Multibody {
         self.square(&derivatives.d_q)?;
         self.square(&derivatives.d_v)?;
         self.gather_external(ws, external)?;
-        self.accelerations(ws, a);
+        self.forces(ws, Some(a), true);
+        self.composite(ws);
         self.differentiate(ws);
         transpose_into(&ws.variation.d_q, &mut derivatives.d_q);
         transpose_into(&ws.variation.d_v, &mut derivatives.d_v);
@@ -196,26 +205,14 @@ impl Multibody {
         }
         self.gather_external(ws, external)?;
         self.through_mass_matrix(ws, tau, a)?;
-        self.accelerations(ws, a);
+        self.accelerate(ws, a);
         self.differentiate(ws);
         let n = self.nv;
-        for k in 0..n {
-            let column = &mut derivatives.d_tau.as_mut_slice()[k * n..(k + 1) * n];
-            column.fill(0.0);
-            column[k] = 1.0;
-            crate::linear::cholesky_solve(&ws.factor, n, column);
-        }
-        for (of, to) in [(&ws.variation.d_q, &mut derivatives.d_q), (&ws.variation.d_v, &mut derivatives.d_v)] {
-            to.fill(0.0);
-            let inverse = derivatives.d_tau.as_slice();
-            for (row, inverse) in of.chunks_exact(n).zip(inverse.chunks_exact(n)) {
-                for (x, column) in row.iter().zip(to.as_mut_slice().chunks_exact_mut(n)) {
-                    for (y, m) in column.iter_mut().zip(inverse) {
-                        *y -= m * x;
-                    }
-                }
-            }
-        }
+        let x = &mut ws.variation;
+        tree_inverse(&ws.tree_factor, n, &mut x.square, &mut x.inverse);
+        derivatives.d_tau.as_mut_slice().copy_from_slice(&x.inverse);
+        minus_product(&x.inverse, &x.d_q, n, derivatives.d_q.as_mut_slice());
+        minus_product(&x.inverse, &x.d_v, n, derivatives.d_v.as_mut_slice());
         Ok(())
     }
 
@@ -224,77 +221,133 @@ impl Multibody {
         length("columns of a derivative", matrix.ncols(), self.nv)
     }
 
-    /// Accelerations of all bodies, gravity in place of the world's, and the forces that their inertia needs.
-    pub(crate) fn accelerations(&self, ws: &mut Workspace, a: &[f64]) {
-        ws.A[0] = join(&Vector3::zeros(), &-self.gravity);
-        for (i, body) in self.bodies.iter().enumerate().skip(1) {
-            let mut A = ws.A[body.parent] + ws.c[i];
-            for k in 0..body.nv {
-                A += ws.S[body.tree + k] * a[body.v + k];
-            }
-            let (V, I) = (&ws.V[i], &ws.inertia[i]);
-            let P = I.times(V);
-            ws.A[i] = A;
-            ws.variation.inertial[i] = I.times(&A) + cross_force(V, &P);
-            ws.variation.rate[i] = Rate::new(I, V, &P);
-        }
-    }
-
-    /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Self::accelerations`] and with external
-    /// forces gathered.
+    /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Multibody::forces`] and
+    /// [`Multibody::composite`], with external forces gathered.
     pub(crate) fn differentiate(&self, ws: &mut Workspace) {
-        let n = self.nv;
-        let Workspace { variation: x, S, V, A, external, inertia, composite, .. } = ws;
+        let (n, size) = (self.nv, self.tree);
+        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_rows, IS, .. } = ws;
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let (V_P, A_P) = (&V[body.parent], &A[body.parent]);
+            x.rate[i] = Rate::new(&inertia[i], &V[i], &P[i]);
             for t in body.tree_range() {
                 let D = cross_motion(V_P, &S[t]);
-                x.E[t] = cross_motion(A_P, &S[t]) + cross_motion(V_P, &D);
-                x.H[t] = D + cross_motion(&V[i], &S[t]);
-                x.D[t] = D;
+                let E = cross_motion(A_P, &S[t]) + cross_motion(V_P, &D);
+                // One degree of freedom does not turn itself: V x S = V_P x S.
+                let H = D + if body.nv == 1 { D } else { cross_motion(&V[i], &S[t]) };
+                for r in 0..6 {
+                    x.rows[r * size + t] = E[r];
+                    x.rows[(r + 6) * size + t] = H[r];
+                }
+                for r in 0..3 {
+                    x.rows[(r + 12) * size + t] = D[r];
+                }
+                (x.D[t], x.E[t], x.H[t]) = (angular(&D), E, H);
             }
         }
         x.external.copy_from_slice(external);
-        composite.copy_from_slice(inertia);
+        x.inertial.copy_from_slice(inertial);
+        let pushed = external.iter().any(|e| *e != SpatialVector::zeros());
         x.d_q.fill(0.0);
         x.d_v.fill(0.0);
-        for i in (1..self.bodies.len()).rev() {
-            let body = &self.bodies[i];
-            let (I, rate, f, e) = (composite[i], x.rate[i], x.inertial[i], x.external[i]);
+        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
+            let (I, rate, f, e) = (&composite[i], x.rate[i], x.inertial[i], x.external[i]);
             let parent = body.parent;
             if parent != 0 {
-                composite[parent] += I;
                 x.rate[parent].R += rate.R;
                 x.rate[parent].p += rate.p;
                 x.inertial[parent] += f;
-                x.external[parent] += e;
+                if pushed {
+                    x.external[parent] += e;
+                }
             }
+            // The joint's own degrees of freedom all count as outer rows.
+            let end = body.tree + body.nv;
             for (k, l) in body.tree_range().enumerate() {
                 let row = body.v + k;
-                let U = I.times(&S[l]);
                 let y = rate.transposed_times(&S[l]);
-                // S_l . (S_k x* e) = - S_k . (S_l x* e)
-                let turned = -cross_force(&S[l], &e);
-                let G = I.times(&x.E[l]) + rate.times(&angular(&x.D[l])) + cross_force(&S[l], &f);
-                let H = I.times(&x.H[l]) + rate.times(&angular(&S[l]));
-                x.U[l] = U;
                 x.y[l] = y;
-                // The joint's own degrees of freedom all count as outer rows.
-                let mut at = i;
+                let G = I.times(&x.E[l]) + rate.times(&x.D[l]) + cross_force(&S[l], &f);
+                let H = I.times(&x.H[l]) + rate.times(&angular(&S[l]));
+                let line = &mut x.line[..end - body.first];
+                products(S_rows, &x.rows, size, body.first, [&IS[l], &G, &H], &y, line);
+                if pushed {
+                    // S_l . (S_k x* e) = - S_k . (S_l x* e)
+                    let turned = -cross_force(&S[l], &e);
+                    for (line, S) in line.iter_mut().zip(&S[body.first..end]) {
+                        line[0] += dot(S, &turned);
+                    }
+                }
+                for (c, k) in body.tree_range().enumerate() {
+                    let [by_q, by_v, ..] = line[k - body.first];
+                    x.d_q[row * n + body.v + c] += by_q;
+                    x.d_v[row * n + body.v + c] += by_v;
+                }
+                let mut at = parent;
                 while at != 0 {
                     let inner = &self.bodies[at];
                     for (c, k) in inner.tree_range().enumerate() {
-                        let column = inner.v + c;
-                        x.d_q[row * n + column] += U.dot(&x.E[k]) + y.dot(&angular(&x.D[k])) + S[k].dot(&turned);
-                        x.d_v[row * n + column] += U.dot(&x.H[k]) + y.dot(&angular(&S[k]));
-                        if at != i {
-                            x.d_q[column * n + row] += S[k].dot(&G);
-                            x.d_v[column * n + row] += S[k].dot(&H);
-                        }
+                        let (column, [by_q, by_v, q_by, v_by]) = (inner.v + c, line[k - body.first]);
+                        x.d_q[row * n + column] += by_q;
+                        x.d_v[row * n + column] += by_v;
+                        x.d_q[column * n + row] += q_by;
+                        x.d_v[column * n + row] += v_by;
                     }
                     at = inner.parent;
                 }
             }
+        }
+    }
+}
+
+/// For the columns `k` from `first` on: `U . E_k + y . D_k`, `U . H_k + y . S_k`, `G . S_k`, `H . S_k`.
+#[inline]
+fn products(
+    S_rows: &[f64],
+    rows: &[f64],
+    size: usize,
+    first: usize,
+    [U, G, H]: [&SpatialVector; 3],
+    y: &Vector3<f64>,
+    line: &mut [[f64; 4]],
+) {
+    let m = line.len();
+    let S: [&[f64]; 6] = std::array::from_fn(|r| &S_rows[r * size + first..r * size + first + m]);
+    let E: [&[f64]; 6] = std::array::from_fn(|r| &rows[r * size + first..r * size + first + m]);
+    let K: [&[f64]; 6] = std::array::from_fn(|r| &rows[(r + 6) * size + first..(r + 6) * size + first + m]);
+    let D: [&[f64]; 3] = std::array::from_fn(|r| &rows[(r + 12) * size + first..(r + 12) * size + first + m]);
+    for k in 0..m {
+        let (mut by_q, mut by_v, mut q_by, mut v_by) = (0.0, 0.0, 0.0, 0.0);
+        for r in 0..6 {
+            by_q += U[r] * E[r][k];
+            by_v += U[r] * K[r][k];
+            q_by += G[r] * S[r][k];
+            v_by += H[r] * S[r][k];
+        }
+        for r in 0..3 {
+            by_q += y[r] * D[r][k];
+            by_v += y[r] * S[r][k];
+        }
+        line[k] = [by_q, by_v, q_by, v_by];
+    }
+}
+
+/// `C = -A B`, all `n x n`; `A` symmetric, `B` row-major, `C` column-major.
+fn minus_product(A: &[f64], B: &[f64], n: usize, C: &mut [f64]) {
+    const BLOCK: usize = 4;
+    for (c, C) in C.chunks_exact_mut(n.max(1)).enumerate() {
+        let whole = n - n % BLOCK;
+        for (b, to) in C[..whole].chunks_exact_mut(BLOCK).enumerate() {
+            let mut sum = [0.0; BLOCK];
+            for (row, A) in B.chunks_exact(n).zip(A.chunks_exact(n)) {
+                let x = row[c];
+                for (sum, a) in sum.iter_mut().zip(&A[b * BLOCK..b * BLOCK + BLOCK]) {
+                    *sum -= a * x;
+                }
+            }
+            to.copy_from_slice(&sum);
+        }
+        for (r, to) in C.iter_mut().enumerate().skip(whole) {
+            *to = -B.chunks_exact(n).zip(&A[r * n..(r + 1) * n]).map(|(row, a)| row[c] * a).sum::<f64>();
         }
     }
 }

@@ -8,7 +8,7 @@
 use nalgebra::Matrix6;
 
 use crate::error::check;
-use crate::linear::{cholesky, cholesky_solve};
+use crate::linear::{cholesky, cholesky_solve, tree_solve};
 use crate::multibody::length;
 use crate::spatial::join;
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialVector, Workspace, cross_force};
@@ -39,8 +39,9 @@ impl Multibody {
         for (a, tau) in a.iter_mut().zip(tau) {
             *a = tau - *a;
         }
-        self.factor_mass_matrix(ws)?;
-        cholesky_solve(&ws.factor, self.nv, a);
+        self.composite(ws);
+        self.factor(ws)?;
+        tree_solve(&ws.tree_factor, &self.before, a);
         Ok(())
     }
 

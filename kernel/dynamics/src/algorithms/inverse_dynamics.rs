@@ -3,9 +3,11 @@
 //! Outward: `A_B = A_P + S a + c`, with `A_world = -g` in place of gravity. Inward:
 //! `F_B = I_B A_B + V_B x* I_B V_B - F_ext + sum of the children's F`, and `tau = S^T F_B`.
 
+use nalgebra::Vector3;
+
 use crate::error::check;
 use crate::multibody::length;
-use crate::spatial::join;
+use crate::spatial::{dot, join};
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialVector, Workspace, cross_force};
 
 impl Multibody {
@@ -68,8 +70,30 @@ impl Multibody {
 
     /// `a: None` counts as zero. `moving: false` leaves the velocities out.
     pub(crate) fn newton_euler(&self, ws: &mut Workspace, a: Option<&[f64]>, moving: bool, tau: &mut [f64]) {
-        let zero = nalgebra::Vector3::zeros();
-        ws.A[0] = join(&zero, &-self.gravity);
+        self.forces(ws, a, moving);
+        for (F, (inertial, external)) in ws.F.iter_mut().zip(ws.inertial.iter().zip(&ws.external)) {
+            *F = inertial - external;
+        }
+        tau.fill(0.0);
+        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
+            let F = ws.F[i];
+            if body.nv == 1 {
+                tau[body.v] += dot(&ws.S[body.tree], &F);
+            } else {
+                for k in 0..body.nv {
+                    tau[body.v + k] += dot(&ws.S[body.tree + k], &F);
+                }
+            }
+            if body.parent != 0 {
+                ws.F[body.parent] += F;
+            }
+        }
+    }
+
+    /// The outward pass: acceleration of each body, gravity in place of the world's, and the force that its inertia needs.
+    /// Where it moves, its momentum too.
+    pub(crate) fn forces(&self, ws: &mut Workspace, a: Option<&[f64]>, moving: bool) {
+        ws.A[0] = join(&Vector3::zeros(), &-self.gravity);
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let mut A = ws.A[body.parent];
             if let Some(a) = a {
@@ -77,24 +101,32 @@ impl Multibody {
                     A += ws.S[body.tree + k] * a[body.v + k];
                 }
             }
-            let mut F = -ws.external[i];
+            let I = &ws.inertia[i];
+            let mut F = SpatialVector::zeros();
             if moving {
                 A += ws.c[i];
                 let V = &ws.V[i];
-                F += cross_force(V, &ws.inertia[i].times(V));
+                let P = I.times(V);
+                F = cross_force(V, &P);
+                ws.P[i] = P;
             }
-            F += ws.inertia[i].times(&A);
+            ws.inertial[i] = F + I.times(&A);
             ws.A[i] = A;
-            ws.F[i] = F;
         }
-        tau.fill(0.0);
-        for i in (1..self.bodies.len()).rev() {
-            let body = &self.bodies[i];
-            let F = ws.F[i];
+    }
+
+    /// Adds the accelerations `a` to those that [`Self::forces`] had.
+    pub(crate) fn accelerate(&self, ws: &mut Workspace, a: &[f64]) {
+        // `F` is free: the change of each body's acceleration.
+        ws.F[0] = SpatialVector::zeros();
+        for (i, body) in self.bodies.iter().enumerate().skip(1) {
+            let mut dA = ws.F[body.parent];
             for k in 0..body.nv {
-                tau[body.v + k] += ws.S[body.tree + k].dot(&F);
+                dA += ws.S[body.tree + k] * a[body.v + k];
             }
-            ws.F[body.parent] += F;
+            ws.A[i] += dA;
+            ws.inertial[i] += ws.inertia[i].times(&dA);
+            ws.F[i] = dA;
         }
     }
 }

@@ -5,11 +5,12 @@
 //! leader's. `S` is constant in the child, so `dS/dt = V_WB x S`, and the joint adds the
 //! acceleration `c = V_WB x S v` at constant `v` (Featherstone 2008, section 4.4, in world coordinates).
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
+use sagci_model::JointKind;
 
 use crate::error::check;
 use crate::joint::isometry;
-use crate::spatial::{angular, join, linear};
+use crate::spatial::{angular, join, linear, mul, mul_mat};
 use crate::{DynamicsError, LinkId, Multibody, SpatialVector, Workspace, cross_motion};
 
 impl Multibody {
@@ -54,17 +55,27 @@ impl Multibody {
         ws.inertia[0] = self.inertia[0];
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let (R_WP, p_WP) = (&ws.R_WB[body.parent], &ws.p_WB[body.parent]);
-            let (R_WJ, p_WJ) = (R_WP * body.R_PJ, p_WP + R_WP * body.p_PJ);
-            let (R_JB, p_JB) = if body.follows {
-                body.motion.pose(&[body.ratio * ws.q[body.q] + body.offset])
-            } else {
-                body.motion.pose(&ws.q[body.q..body.q + body.nq])
-            };
-            let (R, p) = (R_WJ * R_JB, p_WJ + R_WJ * p_JB);
-            let S = &mut ws.S[body.tree_range()];
-            body.motion.subspace(&R, &p, S);
-            if body.follows {
-                S[0] *= body.ratio;
+            let p_WJ = p_WP + mul(R_WP, &body.p_PJ);
+            let (R, p);
+            match body.motion.kind {
+                JointKind::Revolute | JointKind::Continuous => {
+                    let (sin, cos) = (body.ratio * ws.q[body.q] + body.offset).sin_cos();
+                    let n = mul(R_WP, &body.axis_P);
+                    (R, p) = (mul_mat(R_WP, &(body.turn[0] + body.turn[1] * cos + body.turn[2] * sin)), p_WJ);
+                    let s = n * body.ratio;
+                    ws.S[body.tree] = join(&s, &p.cross(&s));
+                }
+                JointKind::Prismatic => {
+                    let n = mul(R_WP, &body.axis_P);
+                    (R, p) = (mul_mat(R_WP, &body.R_PJ), p_WJ + n * (body.ratio * ws.q[body.q] + body.offset));
+                    ws.S[body.tree] = join(&Vector3::zeros(), &(n * body.ratio));
+                }
+                JointKind::Fixed | JointKind::Planar | JointKind::Floating => {
+                    let (R_JB, p_JB) = body.motion.pose(&ws.q[body.q..body.q + body.nq]);
+                    let R_WJ = mul_mat(R_WP, &body.R_PJ);
+                    (R, p) = (mul_mat(&R_WJ, &R_JB), p_WJ + mul(&R_WJ, &p_JB));
+                    body.motion.subspace(&R, &p, &mut ws.S[body.tree_range()]);
+                }
             }
             ws.inertia[i] = self.inertia[i].moved(&R, &p);
             ws.R_WB[i] = R;
@@ -76,8 +87,8 @@ impl Multibody {
     /// Velocities of all bodies, at poses that are there already.
     pub(crate) fn velocities(&self, ws: &mut Workspace) {
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
-            let mut Sv = SpatialVector::zeros();
-            for k in 0..body.nv {
+            let mut Sv = ws.S[body.tree] * ws.v[body.v];
+            for k in 1..body.nv {
                 Sv += ws.S[body.tree + k] * ws.v[body.v + k];
             }
             let V = ws.V[body.parent] + Sv;

@@ -50,7 +50,8 @@ impl Multibody {
         length("rows of the derivative by parameters", columns.nrows(), self.nv)?;
         length("columns of the derivative by parameters", columns.ncols(), parameters.len())?;
         self.gather_external(ws, external)?;
-        self.accelerations(ws, a);
+        self.forces(ws, Some(a), true);
+        self.composite(ws);
         self.differentiate(ws);
         let n = self.nv.max(1);
         for (parameter, column) in parameters.iter().zip(columns.as_mut_slice().chunks_exact_mut(n)) {
@@ -142,7 +143,7 @@ impl Multibody {
         for (j, body) in self.bodies.iter().enumerate().skip(i) {
             if ws.variation.inside[j] {
                 for (t, v) in body.tree_range().zip(body.v..) {
-                    column[v] += ws.variation.U[t].dot(Y) + ws.variation.y[t].dot(&w);
+                    column[v] += ws.IS[t].dot(Y) + ws.variation.y[t].dot(&w);
                 }
             }
         }

@@ -22,7 +22,7 @@ impl Multibody {
         length("rows of the regressor", Y.nrows(), self.nv)?;
         length("columns of the regressor", Y.ncols(), 10 * (self.bodies.len() - 1))?;
         Y.fill(0.0);
-        self.accelerations(ws, a);
+        self.forces(ws, Some(a), true);
         for (i, block) in (1..self.bodies.len()).zip(Y.as_mut_slice().chunks_exact_mut(10 * self.nv.max(1))) {
             let (R, p) = (&ws.R_WB[i], &ws.p_WB[i]);
             let (A, V) = (to_body(&ws.A[i], R, p), to_body(&ws.V[i], R, p));
