@@ -1,6 +1,8 @@
 //! Cholesky factorisations in place, row-major, for the small matrices of one tree: dense, and the one that keeps the zeros
 //! between branches.
 
+use crate::workspace::{Lane, add_scaled};
+
 /// Factors the lower triangle of the symmetric, row-major `n x n` matrix `A` as `L L^T`, in place.
 ///
 /// # Errors
@@ -106,45 +108,30 @@ pub(crate) fn tree_solve(L: &[f64], before: &[usize], x: &mut [f64]) {
     }
 }
 
-/// Writes the inverse of `L^T D L`, row-major and symmetric, with the factor from [`tree_factor`]. `X` is scratch of the same
+/// Writes the inverse of `L^T D L`, with the factor from [`tree_factor`]; `n.div_ceil(4)` lanes a row. `Y` is scratch of the same
 /// size.
-pub(crate) fn tree_inverse(L: &[f64], n: usize, X: &mut [f64], inverse: &mut [f64]) {
-    // X = L^-1: its row `i` is e_i less the factors of that row times the rows above it.
-    for i in 0..n {
-        let (above, row) = X.split_at_mut(i * n);
-        let row = &mut row[..n];
-        row.fill(0.0);
-        for (k, l) in L[i * n..i * n + i].iter().enumerate() {
-            if *l != 0.0 {
-                for (x, y) in row[..k + 1].iter_mut().zip(&above[k * n..k * n + k + 1]) {
-                    *x -= l * y;
-                }
+pub(crate) fn tree_inverse(L: &[f64], n: usize, Y: &mut [Lane], inverse: &mut [Lane]) {
+    let width = n.div_ceil(4);
+    // Y = L^-T: its row `k` is e_k less the factors of column `k` of L times the rows below it.
+    for k in (0..n).rev() {
+        let (row, below) = Y[k * width..].split_at_mut(width);
+        for (block, to) in row.iter_mut().enumerate() {
+            let mut sum = [0.0; 4];
+            for (i, Y_i) in below.chunks_exact(width).enumerate().take(n - k - 1) {
+                add_scaled(&mut sum, -L[(k + 1 + i) * n + k], &Y_i[block]);
             }
+            *to = sum;
         }
-        row[i] = 1.0;
+        row[k / 4][k % 4] += 1.0;
     }
-    // The inverse is the sum over k of column k of X times its transpose, over d_k. Its row `i` gathers x_ik / d_k times
-    // column k, and columns of X are rows of its transpose, which is kept in the upper half of X.
-    for i in 0..n {
-        for j in 0..i {
-            X[j * n + i] = X[i * n + j];
-        }
-    }
-    for i in 0..n {
-        let row = &mut inverse[i * n..(i + 1) * n];
-        row.fill(0.0);
-        for k in 0..i + 1 {
-            let scaled = X[i * n + k] * L[k * n + k];
-            if scaled != 0.0 {
-                for (y, x) in row[i..].iter_mut().zip(&X[k * n + i..(k + 1) * n]) {
-                    *y += scaled * x;
-                }
+    // The inverse is Y^T D^-1 Y; row `k` of Y is zero before `k`.
+    for (i, row) in inverse.chunks_exact_mut(width).enumerate() {
+        for (block, to) in row.iter_mut().enumerate() {
+            let mut sum = [0.0; 4];
+            for (k, Y_k) in Y.chunks_exact(width).enumerate().take(i + 1) {
+                add_scaled(&mut sum, Y_k[i / 4][i % 4] * L[k * n + k], &Y_k[block]);
             }
-        }
-    }
-    for i in 0..n {
-        for j in 0..i {
-            inverse[i * n + j] = inverse[j * n + i];
+            *to = sum;
         }
     }
 }
@@ -170,9 +157,9 @@ mod tests {
                 j = before[j - 1];
             }
         }
-        let (mut L, mut X, mut inverse) = (full.clone(), vec![0.0; n * n], vec![0.0; n * n]);
+        let (mut L, mut Y, mut inverse) = (full.clone(), vec![[0.0; 4]; 2 * n], vec![[0.0; 4]; 2 * n]);
         tree_factor(&mut L, &before).unwrap();
-        tree_inverse(&L, n, &mut X, &mut inverse);
+        tree_inverse(&L, n, &mut Y, &mut inverse);
         for k in 0..n {
             let mut x = vec![0.0; n];
             x[k] = 1.0;
@@ -180,7 +167,7 @@ mod tests {
             for i in 0..n {
                 let unit: f64 = (0..n).map(|j| full[i * n + j] * x[j]).sum();
                 assert!((unit - if i == k { 1.0 } else { 0.0 }).abs() < 1e-13);
-                assert!((inverse[i * n + k] - x[i]).abs() < 1e-14);
+                assert!((inverse[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
             }
         }
         full[3 * n + 3] = -1.0;

@@ -3,6 +3,17 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use crate::algorithms::derivatives::Variation;
 use crate::{LinkId, Multibody, SpatialInertia, SpatialVector};
 
+/// Four columns side by side: what the processor multiplies at once.
+pub(crate) type Lane = [f64; 4];
+
+/// `to += a x`, lane by lane.
+#[inline(always)]
+pub(crate) fn add_scaled(to: &mut Lane, a: f64, x: &Lane) {
+    for (to, x) in to.iter_mut().zip(x) {
+        *to += a * x;
+    }
+}
+
 /// Everything that changes while one multibody is computed with. Made once by [`crate::Multibody::workspace`]; nothing
 /// allocates afterwards. It always holds a state: at first the neutral one at rest.
 ///
@@ -43,8 +54,8 @@ pub struct Workspace {
     /// Factor of each joint's inertia, 6 x 6 at most, and its right-hand side.
     pub(crate) D: Vec<[f64; 36]>,
     pub(crate) u: Vec<f64>,
-    /// `S` by rows: entry `r` of all columns one after the other.
-    pub(crate) S_rows: Vec<f64>,
+    /// `S` by lanes: entry `r` of four columns side by side.
+    pub(crate) S_lanes: Vec<[Lane; 6]>,
     /// Composite inertia times `S`, by degree of freedom of the tree.
     pub(crate) IS: Vec<SpatialVector>,
     /// Mass matrix, and its factor [`crate::linear::tree_factor`].
@@ -52,7 +63,7 @@ pub struct Workspace {
     pub(crate) tree_factor: Vec<f64>,
     /// Scratch by velocity, and by degree of freedom of the tree.
     pub(crate) scratch: Vec<f64>,
-    pub(crate) scratch_row: Vec<f64>,
+    pub(crate) scratch_row: Vec<Lane>,
     /// What derivatives need.
     pub(crate) variation: Variation,
 }
@@ -90,11 +101,11 @@ impl Workspace {
             D: vec![[0.0; 36]; b],
             u: vec![0.0; t],
             M: DMatrix::zeros(n, n),
-            S_rows: vec![0.0; 6 * t],
+            S_lanes: vec![[[0.0; 4]; 6]; t.div_ceil(4)],
             IS: vec![SpatialVector::zeros(); t],
             tree_factor: vec![0.0; n * n],
             scratch: vec![0.0; n],
-            scratch_row: vec![0.0; t],
+            scratch_row: vec![[0.0; 4]; t.div_ceil(4)],
             variation: Variation::new(multibody),
         };
         multibody.neutral_positions(&mut ws.q);

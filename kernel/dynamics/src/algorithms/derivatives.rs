@@ -29,7 +29,8 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use crate::error::check;
 use crate::linear::tree_inverse;
 use crate::multibody::length;
-use crate::spatial::{angular, dot, join, linear, mul, tr_mul};
+use crate::spatial::{angular, join, linear, mul, tr_mul};
+use crate::workspace::{Lane, add_scaled};
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialInertia, SpatialVector, Workspace, cross_force, cross_motion};
 
 /// Derivatives of the efforts `tau = ID(q, v, a)`; those by `a` are the mass matrix. Rows by effort, columns by the entry of
@@ -120,16 +121,16 @@ pub(crate) struct Variation {
     pub E: Vec<SpatialVector>,
     pub H: Vec<SpatialVector>,
     pub y: Vec<Vector3<f64>>,
-    /// `E`, `H` and the angular part of `D` by rows, as the workspace's `S_rows`.
-    rows: Vec<f64>,
-    /// One row of each table, and one column.
-    line: Vec<[f64; 4]>,
-    /// Row-major, by velocity.
-    pub d_q: Vec<f64>,
-    pub d_v: Vec<f64>,
-    /// Scratch, and the inverse of the mass matrix.
-    square: Vec<f64>,
-    pub inverse: Vec<f64>,
+    /// `E`, `H` and the angular part of `D` by lanes, as the workspace's `S_lanes`.
+    lanes: Vec<[Lane; 15]>,
+    /// By lanes: one row of the derivatives by q and by v, and one column of each.
+    line: Vec<[Lane; 4]>,
+    /// Derivatives by q and by v side by side, row-major, `4 width` numbers a row.
+    table: Vec<Lane>,
+    pub width: usize,
+    /// Scratch, and the inverse of the mass matrix, row-major, `4 n.div_ceil(4)` numbers a row.
+    square: Vec<Lane>,
+    inverse: Vec<Lane>,
     /// Scratch: which bodies belong to a subtree.
     pub inside: Vec<bool>,
 }
@@ -146,14 +147,19 @@ impl Variation {
             E: vec![SpatialVector::zeros(); t],
             H: vec![SpatialVector::zeros(); t],
             y: vec![Vector3::zeros(); t],
-            rows: vec![0.0; 15 * t],
-            line: vec![[0.0; 4]; t],
-            d_q: vec![0.0; n * n],
-            d_v: vec![0.0; n * n],
-            square: vec![0.0; n * n],
-            inverse: vec![0.0; n * n],
+            lanes: vec![[[0.0; 4]; 15]; t.div_ceil(4)],
+            line: vec![[[0.0; 4]; 4]; t.div_ceil(4)],
+            table: vec![[0.0; 4]; n * (2 * n).div_ceil(4)],
+            width: (2 * n).div_ceil(4),
+            square: vec![[0.0; 4]; n * n.div_ceil(4)],
+            inverse: vec![[0.0; 4]; n * n.div_ceil(4)],
             inside: vec![false; b],
         }
+    }
+
+    /// Row `i` of the derivatives of inverse dynamics: by the `n` positions, then by the `n` velocities.
+    pub fn row(&self, i: usize) -> &[f64] {
+        self.table[i * self.width..(i + 1) * self.width].as_flattened()
     }
 }
 
@@ -178,8 +184,14 @@ impl Multibody {
         self.forces(ws, Some(a), true);
         self.composite(ws);
         self.differentiate(ws);
-        transpose_into(&ws.variation.d_q, &mut derivatives.d_q);
-        transpose_into(&ws.variation.d_v, &mut derivatives.d_v);
+        let n = self.nv;
+        let (d_q, d_v) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice());
+        for i in 0..n {
+            let (by_q, by_v) = ws.variation.row(i).split_at(n);
+            for (k, (by_q, by_v)) in by_q.iter().zip(by_v).enumerate() {
+                (d_q[k * n + i], d_v[k * n + i]) = (*by_q, *by_v);
+            }
+        }
         Ok(())
     }
 
@@ -209,10 +221,26 @@ impl Multibody {
         self.differentiate(ws);
         let n = self.nv;
         let x = &mut ws.variation;
+        let across = n.div_ceil(4);
         tree_inverse(&ws.tree_factor, n, &mut x.square, &mut x.inverse);
-        derivatives.d_tau.as_mut_slice().copy_from_slice(&x.inverse);
-        minus_product(&x.inverse, &x.d_q, n, derivatives.d_q.as_mut_slice());
-        minus_product(&x.inverse, &x.d_v, n, derivatives.d_v.as_mut_slice());
+        let (d_q, d_v, d_tau) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice(), derivatives.d_tau.as_mut_slice());
+        for i in 0..n {
+            let inverse = &x.inverse[i * across..(i + 1) * across].as_flattened()[..n];
+            d_tau[i * n..(i + 1) * n].copy_from_slice(inverse);
+            for block in 0..x.width {
+                let mut sum = [0.0; 4];
+                for (m, row) in inverse.iter().zip(x.table.chunks_exact(x.width)) {
+                    add_scaled(&mut sum, -m, &row[block]);
+                }
+                for (k, x) in (4 * block..).zip(sum) {
+                    if k < n {
+                        d_q[k * n + i] = x;
+                    } else if k < 2 * n {
+                        d_v[(k - n) * n + i] = x;
+                    }
+                }
+            }
+        }
         Ok(())
     }
 
@@ -224,8 +252,8 @@ impl Multibody {
     /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Multibody::forces`] and
     /// [`Multibody::composite`], with external forces gathered.
     pub(crate) fn differentiate(&self, ws: &mut Workspace) {
-        let (n, size) = (self.nv, self.tree);
-        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_rows, IS, .. } = ws;
+        let n = self.nv;
+        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_lanes, IS, .. } = ws;
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let (V_P, A_P) = (&V[body.parent], &A[body.parent]);
             x.rate[i] = Rate::new(&inertia[i], &V[i], &P[i]);
@@ -234,12 +262,13 @@ impl Multibody {
                 let E = cross_motion(A_P, &S[t]) + cross_motion(V_P, &D);
                 // One degree of freedom does not turn itself: V x S = V_P x S.
                 let H = D + if body.nv == 1 { D } else { cross_motion(&V[i], &S[t]) };
+                let lanes = &mut x.lanes[t / 4];
                 for r in 0..6 {
-                    x.rows[r * size + t] = E[r];
-                    x.rows[(r + 6) * size + t] = H[r];
+                    lanes[r][t % 4] = E[r];
+                    lanes[r + 6][t % 4] = H[r];
                 }
                 for r in 0..3 {
-                    x.rows[(r + 12) * size + t] = D[r];
+                    lanes[r + 12][t % 4] = D[r];
                 }
                 (x.D[t], x.E[t], x.H[t]) = (angular(&D), E, H);
             }
@@ -247,8 +276,8 @@ impl Multibody {
         x.external.copy_from_slice(external);
         x.inertial.copy_from_slice(inertial);
         let pushed = external.iter().any(|e| *e != SpatialVector::zeros());
-        x.d_q.fill(0.0);
-        x.d_v.fill(0.0);
+        x.table.fill([0.0; 4]);
+        let (width, table) = (4 * x.width, x.table.as_flattened_mut());
         for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
             let (I, rate, f, e) = (&composite[i], x.rate[i], x.inertial[i], x.external[i]);
             let parent = body.parent;
@@ -268,29 +297,33 @@ impl Multibody {
                 x.y[l] = y;
                 let G = I.times(&x.E[l]) + rate.times(&x.D[l]) + cross_force(&S[l], &f);
                 let H = I.times(&x.H[l]) + rate.times(&angular(&S[l]));
-                let line = &mut x.line[..end - body.first];
-                products(S_rows, &x.rows, size, body.first, [&IS[l], &G, &H], &y, line);
+                let blocks = body.first / 4..end.div_ceil(4);
+                for block in blocks.clone() {
+                    x.line[block] = products(&S_lanes[block], &x.lanes[block], [&IS[l], &G, &H], &y);
+                }
                 if pushed {
                     // S_l . (S_k x* e) = - S_k . (S_l x* e)
                     let turned = -cross_force(&S[l], &e);
-                    for (line, S) in line.iter_mut().zip(&S[body.first..end]) {
-                        line[0] += dot(S, &turned);
+                    for block in blocks {
+                        for r in 0..6 {
+                            add_scaled(&mut x.line[block][0], turned[r], &S_lanes[block][r]);
+                        }
                     }
                 }
                 for (c, k) in body.tree_range().enumerate() {
-                    let [by_q, by_v, ..] = line[k - body.first];
-                    x.d_q[row * n + body.v + c] += by_q;
-                    x.d_v[row * n + body.v + c] += by_v;
+                    let line = &x.line[k / 4];
+                    table[row * width + body.v + c] += line[0][k % 4];
+                    table[row * width + n + body.v + c] += line[1][k % 4];
                 }
                 let mut at = parent;
                 while at != 0 {
                     let inner = &self.bodies[at];
                     for (c, k) in inner.tree_range().enumerate() {
-                        let (column, [by_q, by_v, q_by, v_by]) = (inner.v + c, line[k - body.first]);
-                        x.d_q[row * n + column] += by_q;
-                        x.d_v[row * n + column] += by_v;
-                        x.d_q[column * n + row] += q_by;
-                        x.d_v[column * n + row] += v_by;
+                        let (column, line, lane) = (inner.v + c, &x.line[k / 4], k % 4);
+                        table[row * width + column] += line[0][lane];
+                        table[row * width + n + column] += line[1][lane];
+                        table[column * width + row] += line[2][lane];
+                        table[column * width + n + row] += line[3][lane];
                     }
                     at = inner.parent;
                 }
@@ -299,64 +332,19 @@ impl Multibody {
     }
 }
 
-/// For the columns `k` from `first` on: `U . E_k + y . D_k`, `U . H_k + y . S_k`, `G . S_k`, `H . S_k`.
-#[inline]
-fn products(
-    S_rows: &[f64],
-    rows: &[f64],
-    size: usize,
-    first: usize,
-    [U, G, H]: [&SpatialVector; 3],
-    y: &Vector3<f64>,
-    line: &mut [[f64; 4]],
-) {
-    let m = line.len();
-    let S: [&[f64]; 6] = std::array::from_fn(|r| &S_rows[r * size + first..r * size + first + m]);
-    let E: [&[f64]; 6] = std::array::from_fn(|r| &rows[r * size + first..r * size + first + m]);
-    let K: [&[f64]; 6] = std::array::from_fn(|r| &rows[(r + 6) * size + first..(r + 6) * size + first + m]);
-    let D: [&[f64]; 3] = std::array::from_fn(|r| &rows[(r + 12) * size + first..(r + 12) * size + first + m]);
-    for k in 0..m {
-        let (mut by_q, mut by_v, mut q_by, mut v_by) = (0.0, 0.0, 0.0, 0.0);
-        for r in 0..6 {
-            by_q += U[r] * E[r][k];
-            by_v += U[r] * K[r][k];
-            q_by += G[r] * S[r][k];
-            v_by += H[r] * S[r][k];
-        }
-        for r in 0..3 {
-            by_q += y[r] * D[r][k];
-            by_v += y[r] * S[r][k];
-        }
-        line[k] = [by_q, by_v, q_by, v_by];
+/// For four columns `k`: `U . E_k + y . D_k`, `U . H_k + y . S_k`, `G . S_k`, `H . S_k`.
+#[inline(always)]
+fn products(S: &[Lane; 6], lanes: &[Lane; 15], [U, G, H]: [&SpatialVector; 3], y: &Vector3<f64>) -> [Lane; 4] {
+    let mut out = [[0.0; 4]; 4];
+    for r in 0..6 {
+        add_scaled(&mut out[0], U[r], &lanes[r]);
+        add_scaled(&mut out[1], U[r], &lanes[r + 6]);
+        add_scaled(&mut out[2], G[r], &S[r]);
+        add_scaled(&mut out[3], H[r], &S[r]);
     }
-}
-
-/// `C = -A B`, all `n x n`; `A` symmetric, `B` row-major, `C` column-major.
-fn minus_product(A: &[f64], B: &[f64], n: usize, C: &mut [f64]) {
-    const BLOCK: usize = 4;
-    for (c, C) in C.chunks_exact_mut(n.max(1)).enumerate() {
-        let whole = n - n % BLOCK;
-        for (b, to) in C[..whole].chunks_exact_mut(BLOCK).enumerate() {
-            let mut sum = [0.0; BLOCK];
-            for (row, A) in B.chunks_exact(n).zip(A.chunks_exact(n)) {
-                let x = row[c];
-                for (sum, a) in sum.iter_mut().zip(&A[b * BLOCK..b * BLOCK + BLOCK]) {
-                    *sum -= a * x;
-                }
-            }
-            to.copy_from_slice(&sum);
-        }
-        for (r, to) in C.iter_mut().enumerate().skip(whole) {
-            *to = -B.chunks_exact(n).zip(&A[r * n..(r + 1) * n]).map(|(row, a)| row[c] * a).sum::<f64>();
-        }
+    for r in 0..3 {
+        add_scaled(&mut out[0], y[r], &lanes[r + 12]);
+        add_scaled(&mut out[1], y[r], &S[r]);
     }
-}
-
-/// A row-major square matrix into a column-major one.
-fn transpose_into(from: &[f64], to: &mut DMatrix<f64>) {
-    for (i, row) in from.chunks_exact(to.ncols().max(1)).enumerate() {
-        for (j, x) in row.iter().enumerate() {
-            to[(i, j)] = *x;
-        }
-    }
+    out
 }

@@ -5,7 +5,8 @@ use nalgebra::DMatrix;
 
 use crate::linear::{tree_factor, tree_solve};
 use crate::multibody::length;
-use crate::{DynamicsError, Multibody, SpatialVector, Workspace};
+use crate::workspace::add_scaled;
+use crate::{DynamicsError, Multibody, Workspace};
 
 impl Multibody {
     /// The mass matrix (nv x nv, symmetric), armature included.
@@ -19,13 +20,13 @@ impl Multibody {
     }
 
     pub(crate) fn composite(&self, ws: &mut Workspace) {
-        let (n, size) = (self.nv, self.tree);
-        let Workspace { S, S_rows, IS, inertia, composite, M, scratch_row: row, .. } = ws;
+        let n = self.nv;
+        let Workspace { S, S_lanes, IS, inertia, composite, M, scratch_row: row, .. } = ws;
         let M = M.as_mut_slice();
         composite.copy_from_slice(inertia);
         for (t, S) in S.iter().enumerate() {
             for r in 0..6 {
-                S_rows[r * size + t] = S[r];
+                S_lanes[t / 4][r][t % 4] = S[r];
             }
         }
         if self.has_followers {
@@ -42,18 +43,24 @@ impl Multibody {
             for (k, t) in body.tree_range().enumerate() {
                 let F = I.times(&S[t]);
                 IS[t] = F;
-                let row = &mut row[..t + 1 - body.first];
-                rows(S_rows, size, body.first, &F, row);
+                for (S, out) in S_lanes[body.first / 4..=t / 4].iter().zip(&mut row[body.first / 4..=t / 4]) {
+                    let mut sum = [0.0; 4];
+                    for r in 0..6 {
+                        add_scaled(&mut sum, F[r], &S[r]);
+                    }
+                    *out = sum;
+                }
+                let row = row.as_flattened();
                 if self.has_followers {
                     let v = body.v + k;
                     for (l, entry) in (body.tree..t + 1).enumerate() {
-                        add(M, n, body.v + l, v, entry == t, row[entry - body.first]);
+                        add(M, n, body.v + l, v, entry == t, row[entry]);
                     }
                     let mut at = body.parent;
                     while at != 0 {
                         let inner = &self.bodies[at];
                         for (l, entry) in inner.tree_range().enumerate() {
-                            add(M, n, inner.v + l, v, false, row[entry - body.first]);
+                            add(M, n, inner.v + l, v, false, row[entry]);
                         }
                         at = inner.parent;
                     }
@@ -63,8 +70,8 @@ impl Multibody {
                     while at != 0 {
                         let inner = &self.bodies[at];
                         for l in inner.tree..inner.tree + inner.nv.min(t + 1 - inner.tree) {
-                            M[t * n + l] = row[l - body.first];
-                            M[l * n + t] = row[l - body.first];
+                            M[t * n + l] = row[l];
+                            M[l * n + t] = row[l];
                         }
                         at = inner.parent;
                     }
@@ -103,16 +110,6 @@ impl Multibody {
     pub(crate) fn no_inertia(&self, v: usize) -> DynamicsError {
         let joint = self.joints.iter().find(|j| j.v.contains(&v)).map_or_else(String::new, |j| j.name.clone());
         DynamicsError::NoInertia { joint }
-    }
-}
-
-/// `row_k = F . S_k` for the columns from `first` on.
-#[inline]
-fn rows(S_rows: &[f64], size: usize, first: usize, F: &SpatialVector, row: &mut [f64]) {
-    let m = row.len();
-    let [a, b, c, d, e, f] = [0, 1, 2, 3, 4, 5].map(|r| &S_rows[r * size + first..r * size + first + m]);
-    for k in 0..m {
-        row[k] = F[0] * a[k] + F[1] * b[k] + F[2] * c[k] + F[3] * d[k] + F[4] * e[k] + F[5] * f[k];
     }
 }
 
