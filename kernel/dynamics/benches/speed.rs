@@ -9,7 +9,9 @@ use std::time::Instant;
 
 use nalgebra::{DMatrix, Isometry3};
 use rand::{RngExt, SeedableRng};
-use sagci_dynamics::{Adjoint, Coriolis, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Multibody, Part, State, System};
+use sagci_dynamics::{
+    Adjoint, Coriolis, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation, Multibody, Part, State, System,
+};
 use sagci_model::ObjectModel;
 
 const STATES: usize = 256;
@@ -85,13 +87,17 @@ fn main() {
             multibody.inverse_dynamics_adjoint(&mut rigid, &s.state.v, &s.tau, &[], parameters, &mut adjoint).unwrap();
         });
     }
-    for (scheme, name) in [(Coriolis::AtStart, "free step"), (Coriolis::AtMidpoint, "free step, Coriolis half way")] {
+    for (scheme, name) in [(Coriolis::AtStart, ""), (Coriolis::AtMidpoint, ", Coriolis half way")] {
         system.set_coriolis(scheme);
-        let mut state = system.state();
-        run(name, &mut |s| {
+        let (mut state, mut linearisation) = (system.state(), Linearisation::new(&system));
+        run(&format!("free step{name}"), &mut |s| {
             state.q.copy_from_slice(&s.state.q);
             state.v.copy_from_slice(&s.state.v);
             system.step(&mut ws, &mut state, &Input { tau: &s.tau, external: &[] }, DT).unwrap();
+        });
+        run(&format!("free step + A, B{name}"), &mut |s| {
+            let input = Input { tau: &s.tau, external: &[] };
+            system.linearise(&mut ws, &s.state, &input, DT, &mut state, &mut linearisation).unwrap();
         });
     }
 }

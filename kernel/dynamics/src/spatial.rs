@@ -129,7 +129,7 @@ impl SpatialInertia {
     }
 
     /// The same body written in another frame: `R`, `p` are the pose of this inertia's frame in the new one.
-    #[inline]
+    #[inline(always)]
     pub fn moved(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
         // With c = p + R h / m:  I' = R (I - m(...)) R^T + m(...) written without the division by m.
         // -(p x)(h x) - (h x)(p x) = 2 (p.h) 1 - p h^T - h p^T, and m (p.p 1 - p p^T): with b = 2 h + m p both are

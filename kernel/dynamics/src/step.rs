@@ -27,7 +27,7 @@ pub enum Coriolis {
 }
 
 /// A joint beyond its limit is brought back over this many steps, and not with one blow.
-const RECOVERY_STEPS: f64 = 10.0;
+pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 
 /// Everything that changes while one system is stepped. Made once by [`System::workspace`].
 #[derive(Debug, Clone)]
@@ -36,7 +36,10 @@ pub struct StepWorkspace {
     pub(crate) problem: Problem,
     pub(crate) load: Vec<f64>,
     midpoint_load: Vec<f64>,
-    tau: Vec<f64>,
+    pub(crate) tau: Vec<f64>,
+    /// The first of two solutions, with Coriolis forces at the start.
+    pub(crate) first: Vec<f64>,
+    pub(crate) first_held: Vec<Held>,
     q: Vec<f64>,
     z: Vec<f64>,
 }
@@ -51,6 +54,8 @@ impl StepWorkspace {
             load: vec![0.0; n],
             midpoint_load: vec![0.0; n],
             tau: vec![0.0; n],
+            first: vec![0.0; n],
+            first_held: vec![Held::Free; n],
             q: vec![0.0; multibody.nq()],
             z: system.state().z,
         }
@@ -131,6 +136,8 @@ impl System {
 
     /// Solves the step once more, with the Coriolis forces half way to the velocity that was found.
     fn correct(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
+        ws.first.copy_from_slice(&ws.problem.v);
+        ws.first_held.copy_from_slice(&ws.problem.held);
         for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.problem.v)) {
             *mid = 0.5 * (v + w);
         }

@@ -65,14 +65,17 @@ fn free_arm_keeps_its_energy_better_the_shorter_the_step() {
             multibody.set_state(&mut ws, &s.q, &s.v).unwrap();
             let kinetic = multibody.kinetic_energy(&ws);
             let error = kinetic + multibody.potential_energy(&ws) - start;
-            drift = drift.max(error.abs());
+            // Runs of different steps stay together for the first seconds only; after that the greatest error is chance.
+            if s.time < 3.0 {
+                drift = drift.max(error.abs());
+            }
             swing = swing.max(kinetic);
             if s.time > 8.0 {
                 late.push(error);
             }
         });
         let trend = late.iter().sum::<f64>() / late.len() as f64;
-        println!("step {dt}: energy off by at most {drift:.2e} J, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion");
+        println!("step {dt}: energy off by at most {drift:.2e} J in 3 s, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion");
         assert!(trend.abs() < 0.02 * swing, "the energy drifts away: {trend} J");
         worst.push(drift / swing);
     }
