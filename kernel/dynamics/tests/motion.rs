@@ -65,8 +65,8 @@ fn free_arm_keeps_its_energy_better_the_shorter_the_step() {
             multibody.set_state(&mut ws, &s.q, &s.v).unwrap();
             let kinetic = multibody.kinetic_energy(&ws);
             let error = kinetic + multibody.potential_energy(&ws) - start;
-            // Runs of different steps stay together for the first seconds only; after that the greatest error is chance.
-            if s.time < 3.0 {
+            // Runs of different steps stay together for the first second or two only; after that the greatest error is chance.
+            if s.time < 1.0 {
                 drift = drift.max(error.abs());
             }
             swing = swing.max(kinetic);
@@ -75,12 +75,12 @@ fn free_arm_keeps_its_energy_better_the_shorter_the_step() {
             }
         });
         let trend = late.iter().sum::<f64>() / late.len() as f64;
-        println!("step {dt}: energy off by at most {drift:.2e} J in 3 s, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion");
+        println!("step {dt}: energy off by at most {drift:.2e} J in the first second, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion");
         assert!(trend.abs() < 0.02 * swing, "the energy drifts away: {trend} J");
         worst.push(drift / swing);
     }
     assert!(worst[0] < 0.1, "{worst:?}");
-    assert!(worst[1] < 0.7 * worst[0] && worst[2] < 0.7 * worst[1], "the drift must shrink with the step: {worst:?}");
+    assert!(worst[1] < 0.6 * worst[0] && worst[2] < 0.6 * worst[1], "the drift must shrink with the step: {worst:?}");
 }
 
 #[test]
