@@ -75,7 +75,9 @@ fn free_arm_keeps_its_energy_better_the_shorter_the_step() {
             }
         });
         let trend = late.iter().sum::<f64>() / late.len() as f64;
-        println!("step {dt}: energy off by at most {drift:.2e} J in the first second, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion");
+        println!(
+            "step {dt}: energy off by at most {drift:.2e} J in the first second, on average {trend:.1e} J after 8 s, of {swing:.1} J in motion"
+        );
         assert!(trend.abs() < 0.02 * swing, "the energy drifts away: {trend} J");
         worst.push(drift / swing);
     }
