@@ -160,7 +160,7 @@ impl System {
         }
         multibody.composite(&mut ws.rigid);
         self.drive(ws, state, dt);
-        self.gather_bases(ws);
+        self.gather_bases(&ws.rigid, &mut ws.bases);
         ws.more.fill(0.0);
         ws.next.copy_from_slice(&state.v);
         self.assemble(ws, state, dt);

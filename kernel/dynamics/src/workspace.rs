@@ -67,6 +67,9 @@ pub struct Workspace {
     pub(crate) scratch_row: Vec<Lane>,
     /// What derivatives need.
     pub(crate) variation: Variation,
+    /// Acceleration, and virtual velocity, that what a body's joint stands on has beyond its parent: of bases that give way. Only
+    /// the passes that say so look at it.
+    pub(crate) bases: Vec<[SpatialVector; 2]>,
 }
 
 /// A force on a link.
@@ -108,6 +111,7 @@ impl Workspace {
             scratch: vec![0.0; n],
             scratch_row: vec![[0.0; 4]; t.div_ceil(4)],
             variation: Variation::new(multibody),
+            bases: vec![[SpatialVector::zeros(); 2]; b],
         };
         multibody.neutral_positions(&mut ws.q);
         multibody.kinematics(&mut ws);
