@@ -65,20 +65,19 @@ pub struct Knot<'a> {
     pub rigid: &'a mut Workspace,
 }
 
-/// What a trajectory costs. The greatest `J` that is not a number is as bad as a step that cannot be taken.
+/// What a trajectory costs. A cost that is not finite is as bad as a step that cannot be taken.
 pub trait Cost {
-    /// Cost of the step from a knot under the control `u`; where asked for, with its quadratic model, every entry of which is to be
-    /// written.
+    /// Cost of the step from a knot under the control `u`, and its quadratic model, every entry of which is to be written.
     ///
     /// # Errors
-    /// The cost has none at this knot.
-    fn running(&mut self, knot: &mut Knot<'_>, u: &[f64], model: Option<&mut Quadratic>) -> Result<f64, PlanError>;
+    /// There is none at this knot.
+    fn running(&mut self, knot: &mut Knot<'_>, u: &[f64], model: &mut Quadratic) -> Result<f64, PlanError>;
 
     /// Cost of the last state, likewise; the model's entries by `u` are not looked at.
     ///
     /// # Errors
-    /// The cost has none there.
-    fn terminal(&mut self, knot: &mut Knot<'_>, model: Option<&mut Quadratic>) -> Result<f64, PlanError>;
+    /// There is none.
+    fn terminal(&mut self, knot: &mut Knot<'_>, model: &mut Quadratic) -> Result<f64, PlanError>;
 }
 
 /// Gradient and (approximate, positive semidefinite) Hessian of a cost. `x` is the tangent of the state: positions, velocities, inner
@@ -110,11 +109,11 @@ impl Quadratic {
 
     /// Sets every entry to zero.
     pub fn clear(&mut self) {
-        self.x.fill(0.0);
-        self.u.fill(0.0);
-        self.xx.fill(0.0);
-        self.uu.fill(0.0);
-        self.xu.fill(0.0);
+        self.x.as_mut_slice().fill(0.0);
+        self.u.as_mut_slice().fill(0.0);
+        for matrix in [&mut self.xx, &mut self.uu, &mut self.xu] {
+            matrix.as_mut_slice().fill(0.0);
+        }
     }
 }
 
@@ -170,7 +169,7 @@ struct Trajectory {
     states: Vec<State>,
     /// Knot after knot.
     controls: Vec<f64>,
-    /// A panel of nx rows a knot: B, padded to whole lanes, then A.
+    /// A panel for each knot, its rows those of `[B A]` that are not `linked`; B is padded to whole lanes.
     steps: Vec<Lane>,
     costs: Vec<Quadratic>,
     cost: f64,
@@ -185,6 +184,9 @@ pub struct Ddp {
     nu: usize,
     wx: usize,
     wu: usize,
+    /// Tangent rows of positions that move along their own velocity, `dq+ = dq + h dv+`, and all others, whose rows of `[B A]` are kept.
+    linked: Vec<usize>,
+    kept: Vec<usize>,
     ws: StepWorkspace,
     linearisation: Linearisation,
     /// Where the last step led.
@@ -211,7 +213,7 @@ struct Backward {
     /// Gradient and Hessian of the cost-to-go.
     v: Vec<f64>,
     V: Vec<Lane>,
-    /// `V [B A]`, and rows of Q by u and by x, each `[u | x]`.
+    /// Rows of `V [B A]` that are kept, and rows of Q by u and by x, each `[u | x]`.
     G: Vec<Lane>,
     Q: Vec<Lane>,
     /// Gradient of Q, as one such row.
@@ -246,13 +248,18 @@ impl Ddp {
                 return bad(format!("control {k} is to lie between {} and {}", lower[k], upper[k]));
             }
         }
+        let mut follows = vec![false; nx];
+        for joint in system.multibody().joints().iter().filter(|j| j.v.len() == 1) {
+            follows[joint.v.start] = true;
+        }
+        let (linked, kept): (Vec<usize>, Vec<usize>) = (0..nx).partition(|i| follows[*i]);
         let (wx, wu) = (nx.div_ceil(4), nu.div_ceil(4));
         let w = wx + wu;
         let lanes = |rows: usize, width: usize| vec![[0.0; 4]; rows * width];
         let trajectory = Trajectory {
             states: vec![state.clone(); knots + 1],
             controls: vec![0.0; knots * nu],
-            steps: lanes(knots * nx, w),
+            steps: lanes(knots * kept.len(), w),
             costs: vec![Quadratic::new(nx, nu); knots + 1],
             cost: 0.0,
         };
@@ -261,6 +268,8 @@ impl Ddp {
             nu,
             wx,
             wu,
+            linked,
+            kept: kept.clone(),
             ws: system.workspace(),
             linearisation: Linearisation::new(system),
             landed: state,
@@ -273,7 +282,7 @@ impl Ddp {
             backward: Backward {
                 v: vec![0.0; nx],
                 V: lanes(nx, wx),
-                G: lanes(nx, w),
+                G: lanes(kept.len(), w),
                 Q: lanes(nu + nx, w),
                 q: lanes(1, w),
                 Y: lanes(nu, wx),
@@ -414,16 +423,16 @@ impl Ddp {
             difference(system, &self.trial.states[0], x0, &mut self.gaps[..self.nx]);
             self.trial.cost = 0.0;
             for k in 0..knots {
-                self.step(system, cost, k, true)?;
+                self.step(system, cost, k)?;
                 difference(system, &self.trial.states[k + 1], &self.landed, &mut self.gaps[(k + 1) * self.nx..(k + 2) * self.nx]);
             }
-            self.end(system, cost, true)?;
+            self.end(system, cost)?;
             self.gap = self.gaps.iter().map(|c| c.abs()).sum();
         } else {
             for state in &mut self.now.states {
                 copy(state, x0);
             }
-            self.roll_out(system, cost, 1.0, true)?;
+            self.roll_out(system, cost, 1.0)?;
         }
         if !self.trial.cost.is_finite() {
             return Err(PlanError::NoConvergence { stage: STAGE.into(), message: "the guess has no finite cost".into() });
@@ -442,47 +451,40 @@ impl Ddp {
         }
     }
 
-    /// Steps from a knot of the trial, into `landed`, and adds the cost. `expand`: with models of both.
-    fn step(&mut self, system: &System, cost: &mut dyn Cost, k: usize, expand: bool) -> Result<(), PlanError> {
-        let (nx, nu, wu, dt) = (self.nx, self.nu, self.wu, self.options.dt);
-        let trial = &mut self.trial;
+    /// Steps from a knot of the trial, into `landed`; adds the cost; models both.
+    fn step(&mut self, system: &System, cost: &mut dyn Cost, k: usize) -> Result<(), PlanError> {
+        let (nx, nu, wu, rows, dt) = (self.nx, self.nu, self.wu, self.kept.len(), self.options.dt);
+        let width = wu + self.wx;
+        let (trial, x) = (&mut self.trial, &mut self.linearisation);
         let (state, u) = (&trial.states[k], &trial.controls[k * nu..(k + 1) * nu]);
         let input = Input { tau: u, external: &[] };
-        if expand {
-            let x = &mut self.linearisation;
-            system.linearise(&mut self.ws, state, &input, dt, &mut self.landed, x).map_err(|e| lost(k, &e))?;
-            let width = wu + self.wx;
-            let rows = trial.steps[k * nx * width..(k + 1) * nx * width].chunks_exact_mut(width);
-            for (i, row) in rows.enumerate() {
-                let (by_u, by_x) = row.as_flattened_mut().split_at_mut(4 * wu);
-                for (to, from) in by_u.iter_mut().zip(x.B.as_slice()[i..].iter().step_by(nx)) {
-                    *to = *from;
-                }
-                for (to, from) in by_x.iter_mut().zip(x.A.as_slice()[i..].iter().step_by(nx)) {
-                    *to = *from;
-                }
+        system.linearise(&mut self.ws, state, &input, dt, &mut self.landed, x).map_err(|e| lost(k, &e))?;
+        for (i, row) in self.kept.iter().zip(trial.steps[k * rows * width..].chunks_exact_mut(width)) {
+            let (by_u, by_x) = row.as_flattened_mut().split_at_mut(4 * wu);
+            for (to, from) in by_u.iter_mut().zip(x.B.as_slice()[*i..].iter().step_by(nx)) {
+                *to = *from;
             }
-        } else {
-            copy(&mut self.landed, state);
-            system.step(&mut self.ws, &mut self.landed, &input, dt).map_err(|e| lost(k, &e))?;
+            for (to, from) in by_x.iter_mut().zip(x.A.as_slice()[*i..].iter().step_by(nx)) {
+                *to = *from;
+            }
         }
         let mut knot = Knot { index: k, dt, system, state, rigid: self.ws.rigid() };
-        trial.cost += cost.running(&mut knot, u, expand.then_some(&mut trial.costs[k]))?;
+        trial.cost += cost.running(&mut knot, u, &mut trial.costs[k])?;
         Ok(())
     }
 
     /// Adds the cost of the trial's last state.
-    fn end(&mut self, system: &System, cost: &mut dyn Cost, expand: bool) -> Result<(), PlanError> {
+    fn end(&mut self, system: &System, cost: &mut dyn Cost) -> Result<(), PlanError> {
         let (index, trial) = (self.options.knots, &mut self.trial);
         let state = &trial.states[index];
         system.multibody().set_state(self.ws.rigid(), &state.q, &state.v).map_err(|e| lost(index, &e))?;
         let mut knot = Knot { index, dt: 0.0, system, state, rigid: self.ws.rigid() };
-        trial.cost += cost.terminal(&mut knot, expand.then_some(&mut trial.costs[index]))?;
+        trial.cost += cost.terminal(&mut knot, &mut trial.costs[index])?;
         Ok(())
     }
 
     /// A trial with the step length `length`.
-    fn roll_out(&mut self, system: &System, cost: &mut dyn Cost, length: f64, expand: bool) -> Result<(), PlanError> {
+    fn roll_out(&mut self, system: &System, cost: &mut dyn Cost, length: f64) -> Result<(), PlanError> {
         let (nx, nu) = (self.nx, self.nu);
         self.trial.cost = 0.0;
         copy(&mut self.trial.states[0], &self.now.states[0]);
@@ -496,26 +498,25 @@ impl Ddp {
                 *u = guess + length * forward + dot(row, &self.dx);
             }
             self.clamp(k);
-            self.step(system, cost, k, expand)?;
+            self.step(system, cost, k)?;
             copy(&mut self.trial.states[k + 1], &self.landed);
             if self.gap > 0.0 {
                 let gap = &self.gaps[(k + 1) * nx..(k + 2) * nx];
                 add(system, &mut self.trial.states[k + 1], gap, length - 1.0);
             }
         }
-        self.end(system, cost, expand)
+        self.end(system, cost)
     }
 
     /// Looks for a step length that brings the merit down as promised, and takes it.
     fn search(&mut self, system: &System, cost: &mut dyn Cost, [slope, curvature]: [f64; 2], weight: f64) -> bool {
         let mut length = 1.0;
         for _ in 0..=HALVINGS {
-            // Whole steps are taken most of the time: their models come on the way.
-            let expand = length == 1.0;
-            if self.roll_out(system, cost, length, expand).is_ok() && self.trial.cost.is_finite() {
+            // Most first and second trials are taken: their models come on the way.
+            if self.roll_out(system, cost, length).is_ok() && self.trial.cost.is_finite() {
                 let closed = weight * self.gap * length;
                 let promised = length * (slope + 0.5 * length * curvature) - closed;
-                if self.trial.cost - self.now.cost - closed <= ARMIJO * promised && (expand || self.expand(system, cost)) {
+                if self.trial.cost - self.now.cost - closed <= ARMIJO * promised {
                     std::mem::swap(&mut self.now, &mut self.trial);
                     let left = 1.0 - length;
                     self.gaps.iter_mut().for_each(|c| *c *= left);
@@ -526,12 +527,6 @@ impl Ddp {
             length *= 0.5;
         }
         false
-    }
-
-    /// Models along the trial as it stands.
-    fn expand(&mut self, system: &System, cost: &mut dyn Cost) -> bool {
-        self.trial.cost = 0.0;
-        (0..self.options.knots).all(|k| self.step(system, cost, k, true).is_ok()) && self.end(system, cost, true).is_ok()
     }
 
     /// What the model promises for a step of length `a`: `[D1, D2]` of `D1 a + D2 a^2 / 2`.
@@ -547,9 +542,14 @@ impl Ddp {
             let l = &self.now.costs[k];
             slope += product(l.x.as_slice(), &self.dx) + product(l.u.as_slice(), &self.du);
             curvature += form(&l.xx, &self.dx, &self.dx) + 2.0 * form(&l.xu, &self.dx, &self.du) + form(&l.uu, &self.du, &self.du);
-            let (gap, rows) = (&self.gaps[(k + 1) * nx..], self.now.steps[k * nx * width..].chunks_exact(width));
-            for ((next, gap), row) in self.next.iter_mut().zip(gap).zip(rows) {
-                *next = gap + dot(&row[..self.wu], &self.du) + dot(&row[self.wu..], &self.dx);
+            for (i, row) in self.kept.iter().zip(self.now.steps[k * self.kept.len() * width..].chunks_exact(width)) {
+                self.next[*i] = dot(&row[..self.wu], &self.du) + dot(&row[self.wu..], &self.dx);
+            }
+            for i in &self.linked {
+                self.next[*i] = self.dx[*i] + self.options.dt * self.next[nu + *i];
+            }
+            for (next, gap) in self.next.iter_mut().zip(&self.gaps[(k + 1) * nx..]) {
+                *next += gap;
             }
             std::mem::swap(&mut self.dx, &mut self.next);
         }
@@ -560,7 +560,8 @@ impl Ddp {
     /// Gains and cost-to-go from the last knot to the first. False where the model has no least control.
     fn backward(&mut self, mu: f64) -> bool {
         let (nx, nu, wx, wu) = (self.nx, self.nu, self.wx, self.wu);
-        let width = wx + wu;
+        let (width, rows, dt) = (wx + wu, self.kept.len(), self.options.dt);
+        let (linked, kept) = (&self.linked, &self.kept);
         let Backward { v, V, G, Q, q, Y, Quu, program } = &mut self.backward;
         let last = &self.now.costs[self.options.knots];
         v.copy_from_slice(last.x.as_slice());
@@ -568,28 +569,58 @@ impl Ddp {
             row.as_flattened_mut()[..nx].copy_from_slice(column);
         }
         for k in (0..self.options.knots).rev() {
-            let (l, F) = (&self.now.costs[k], &self.now.steps[k * nx * width..(k + 1) * nx * width]);
+            let (l, F) = (&self.now.costs[k], &self.now.steps[k * rows * width..(k + 1) * rows * width]);
             if self.gap > 0.0 {
                 let gap = &self.gaps[(k + 1) * nx..(k + 2) * nx];
                 for (v, row) in v.iter_mut().zip(V.chunks_exact(wx)) {
                     *v += dot(row, gap);
                 }
             }
-            for (i, row) in G.chunks_exact_mut(width).enumerate() {
+            // In coordinates in which a linked position's row is that of the identity: dq+ - h dv+ = dq.
+            for &i in linked {
+                v[nu + i] += dt * v[i];
+                let (above, below) = V.split_at_mut((nu + i) * wx);
+                add_rows(&mut below[..wx], 0, &above[i * wx..(i + 1) * wx], 1, |_| dt);
+            }
+            for row in V.chunks_exact_mut(wx) {
+                let row = row.as_flattened_mut();
+                for &i in linked {
+                    row[nu + i] += dt * row[i];
+                }
+            }
+            for (&i, row) in kept.iter().zip(G.chunks_exact_mut(width)) {
                 let V_i = V[i * wx..(i + 1) * wx].as_flattened();
                 row.fill([0.0; 4]);
-                add_rows(row, 0, F, nx, |k| V_i[k]);
+                for &j in linked {
+                    row[wu + j / 4][j % 4] = V_i[j];
+                }
+                add_rows(row, 0, F, rows, |r| V_i[kept[r]]);
             }
             put(&mut q[..wu], l.u.as_slice());
             put(&mut q[wu..], l.x.as_slice());
-            add_rows(q, 0, F, nx, |k| v[k]);
+            for &j in linked {
+                q[wu + j / 4][j % 4] += v[j];
+            }
+            add_rows(q, 0, F, rows, |r| v[kept[r]]);
             let (Qu, Qx) = Q.split_at_mut(nu * width);
             for (i, row) in Qu.chunks_exact_mut(width).enumerate() {
                 put(&mut row[..wu], &l.uu.as_slice()[i * nu..(i + 1) * nu]);
                 put(&mut row[wu..], &l.xu.as_slice()[i * nx..(i + 1) * nx]);
-                add_rows(row, 0, G, nx, |k| F[k * width + i / 4][i % 4]);
+                add_rows(row, 0, G, rows, |r| F[r * width + i / 4][i % 4]);
                 Quu[i * nu..(i + 1) * nu].copy_from_slice(&row.as_flattened()[..nu]);
                 Quu[i * nu + i] += mu;
+            }
+            // The upper triangle by x, in whole lanes.
+            for (i, row) in Qx.chunks_exact_mut(width).enumerate() {
+                put(&mut row[wu..], &l.xx.as_slice()[i * nx..(i + 1) * nx]);
+                add_rows(row, wu + i / 4, G, rows, |r| F[r * width + wu + i / 4][i % 4]);
+            }
+            for &i in linked {
+                let (row, V_i) = (&mut Qx[i * width..(i + 1) * width], V[i * wx..(i + 1) * wx].as_flattened());
+                for &j in linked {
+                    row[wu + j / 4][j % 4] += V_i[j];
+                }
+                add_rows(row, wu + i / 4, F, rows, |r| V_i[kept[r]]);
             }
             let Q_u = &q[..wu].as_flattened()[..nu];
             let u = &self.now.controls[k * nu..(k + 1) * nu];
@@ -610,11 +641,7 @@ impl Ddp {
                 scale(row, 1.0 / L[i * m + i]);
             }
             for (i, row) in V.chunks_exact_mut(wx).enumerate() {
-                // The upper triangle, by whole lanes.
-                let Q_i = &mut Qx[i * width..(i + 1) * width];
-                put(&mut Q_i[wu..], &l.xx.as_slice()[i * nx..(i + 1) * nx]);
-                add_rows(Q_i, wu + i / 4, G, nx, |k| F[k * width + wu + i / 4][i % 4]);
-                row.copy_from_slice(&Q_i[wu..]);
+                row.copy_from_slice(&Qx[i * width + wu..(i + 1) * width]);
                 add_rows(row, i / 4, Y, m, |k| -Y[k * wx + i / 4][i % 4]);
             }
             let K = &mut self.feedback[k * nu * wx..(k + 1) * nu * wx];

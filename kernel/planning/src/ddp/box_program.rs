@@ -149,6 +149,7 @@ mod tests {
         let bounded = program.x.clone();
         assert!(program.solve_free(&H, &g));
         assert!(bounded.iter().zip(&program.x).all(|(a, b)| (a - b).abs() < 1e-12));
+        program.x.fill(0.0);
         assert!(!program.solve(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], &g, |_| [-1.0, 1.0]));
     }
 }

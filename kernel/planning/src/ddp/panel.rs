@@ -36,8 +36,19 @@ fn add_blocks<const N: usize>(to: &mut [Lane], at: usize, rows: &[Lane], count: 
     N
 }
 
-/// `y . x` of a padded row with a vector.
+/// Product of a padded row with a vector.
 #[inline]
 pub(super) fn dot(row: &[Lane], x: &[f64]) -> f64 {
-    row.as_flattened().iter().zip(x).map(|(a, b)| a * b).sum()
+    let mut sum = [0.0; 4];
+    let whole = x.chunks_exact(4);
+    let rest = whole.remainder();
+    for (row, x) in row.iter().zip(whole) {
+        for (sum, (a, b)) in sum.iter_mut().zip(row.iter().zip(x)) {
+            *sum += a * b;
+        }
+    }
+    for (sum, (a, b)) in sum.iter_mut().zip(row[x.len() / 4..].as_flattened().iter().zip(rest)) {
+        *sum += a * b;
+    }
+    (sum[0] + sum[1]) + (sum[2] + sum[3])
 }
