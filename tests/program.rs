@@ -55,7 +55,7 @@ fn a_fifth_skill_in_a_folder_is_listed_and_called_without_a_change_to_the_kernel
     let said = sagci(&["skills", "list", "--skills", skills]);
     assert!(said.out.lines().any(|l| l.starts_with("push")) && said.out.lines().any(|l| l.starts_with("open")), "{}", said.out);
     // The scripts that ship say which models there are.
-    let text = "let thing = scene.expect(\"mug\", at(cm(45), cm(-30)));\npush(thing, cm(3));\npush(thing, #{by: mm(5)});";
+    let text = "let thing = scene.expect(\"mug\", at(cm(45), cm(-30)));\npush(thing, cm(3));\npush(thing, #{by: mm(5)});\nlet list = [1];\nlist.push(2);";
     let script = script(folder.path(), text);
     let said = sagci(&["run", &script, "--plan-only", "--skills", skills, "--models", &models(), "--format", "json"]);
     assert_eq!(said.code, 0, "{}", said.err);
@@ -127,6 +127,31 @@ fn every_kind_of_bad_input_is_told_with_its_place_and_a_hint_and_writes_nothing(
     let said = sagci(&["run", &path, "--models", &models, "--out", out.to_str().unwrap()]);
     assert!(said.code == 2 && said.err.contains("task.check.yaml"), "{}", said.err);
     assert!(!out.exists());
+}
+
+#[test]
+fn a_folder_is_taken_into_the_library_and_a_broken_one_leaves_it_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let library = folder.path().join("library");
+    std::fs::create_dir(&library).unwrap();
+    let library_text = library.to_str().unwrap();
+    let inertial = "<inertial><mass value='0.2'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='1e-4' iyz='0' izz='1e-4'/></inertial>";
+    let shape = "<collision><geometry><box size='0.05 0.05 0.05'/></geometry></collision>";
+    write(folder.path().join("brick/object.urdf"), &format!("<robot name='brick'><link name='brick'>{inertial}{shape}</link></robot>"));
+    write(
+        folder.path().join("brick/model.yaml"),
+        "schema: 1\nname: brick\nmovable: true\nprovenance: {licence: CC0-1.0, attribution: own work, origins: [{source: measured by hand}]}\n",
+    );
+    let brick = folder.path().join("brick");
+    let said = sagci(&["models", "add", brick.to_str().unwrap(), "--models", library_text]);
+    assert_eq!(said.code, 0, "{}{}", said.out, said.err);
+    assert!(said.out.starts_with("added  brick "), "{}", said.out);
+    assert!(sagci(&["models", "list", "--models", library_text]).out.contains("brick"));
+    let before = std::fs::read_to_string(library.join("brick/HEAD")).unwrap();
+    write(brick.join("object.urdf"), "<robot name='brick'><link name='brick'><inertial>");
+    let said = sagci(&["models", "add", brick.to_str().unwrap(), "--models", library_text]);
+    assert!(said.code == 2 && said.err.contains("object.urdf"), "{}{}", said.out, said.err);
+    assert_eq!(std::fs::read_to_string(library.join("brick/HEAD")).unwrap(), before);
 }
 
 #[test]

@@ -111,6 +111,17 @@ pub enum Models {
         #[command(flatten)]
         places: Places,
     },
+    /// Take a folder with an object.urdf, and a model.yaml beside it, into the library as the object's new current version.
+    Add {
+        /// The folder.
+        folder: PathBuf,
+        /// Name of the object; that of the folder if not given.
+        #[arg(long)]
+        name: Option<String>,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
     /// Read every model in full, and compare it with its hash.
     Verify {
         /// Where things are.

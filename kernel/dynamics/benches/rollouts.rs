@@ -1,5 +1,6 @@
 //! Times rollouts with their gradient: `cargo bench -p sagci-dynamics --bench rollouts [-- FOLDER]`. FOLDER holds the peers' scene
-//! (`panda.urdf`, `microwave.urdf`, `scene.json`); without one the arm that ships is taken, and no gripping row. Compare only with
+//! (`panda.urdf`, `microwave.urdf`, `scene.json`); without one the arm that ships is taken, and no gripping row. `--once` runs each row
+//! once, for counting instructions. Compare only with
 //! figures from the same machine and run.
 #![allow(clippy::unwrap_used, missing_docs, non_snake_case)]
 
@@ -66,7 +67,7 @@ fn row(name: &str, system: &System, x0: &State, tau: &[f64], steps: usize) {
     for (what, wanted) in [("state, inputs and effects", Wanted::LEAST), ("everything", Wanted::ALL)] {
         let mut rollout = Rollout::new(system, RolloutOptions { wanted, ..RolloutOptions::new(steps, 1e-3) }).unwrap();
         let (mut forward, mut both) = (f64::INFINITY, f64::INFINITY);
-        for _ in 0..40 {
+        for _ in 0..if std::env::args().any(|a| a == "--once") { 1 } else { 40 } {
             let clock = Instant::now();
             rollout.forward(system, x0, &inputs, |_, _| {}).unwrap();
             forward = forward.min(clock.elapsed().as_secs_f64());

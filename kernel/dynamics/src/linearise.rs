@@ -10,6 +10,9 @@
 //! which the step lies. So it is where contacts open, slip or change their corners. With Coriolis forces half way, `c((v + w0) / 2)`,
 //! or a learned residual `f(w0)`, the same is done twice: once for the first solution `w0`, then with its change.
 //!
+//! A base that gives way is one more row `D drate + p . dw + dr_b = 0`, eliminated beforehand; its rigid part is the force of all that
+//! it carries, along its direction, and has its derivatives by one reverse sweep.
+//!
 //! Positions follow on the joint's group: `q+ = q exp(h w)`, so `dq+ = Ad(exp(-h w)) dq + h J(h w) dw` with the right Jacobian
 //! `J(x) = sum_k (-ad x)^k / (k + 1)!` (Sola, Deray and Atchuthan 2018, equation 143). Inner states follow by their own partials.
 
@@ -26,13 +29,13 @@ use crate::placed::Taken;
 use crate::residual::ResidualCotangents;
 use crate::spatial::cross_motion;
 use crate::system::Placement;
-use crate::{Coriolis, DynamicsError, Input, SpatialVector, State, StepWorkspace, System};
+use crate::{Adjoint, Coriolis, DynamicsError, Input, SpatialVector, State, StepWorkspace, System};
 
 /// Derivatives of one step. `x` is position (as a tangent, see [`crate::Multibody::integrate`]), then velocity, then the inner
 /// states of effects: `2 nv + nz` entries. `u` are the commanded efforts.
 ///
 /// The seconds that each entry of a history lasted are no variables; their rows are those of numbers that stay or are set.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Linearisation {
     /// `dx+ / dx`, square.
     pub A: DMatrix<f64>,
@@ -57,6 +60,10 @@ pub struct Linearisation {
     a: Vec<f64>,
     /// The Hessian.
     H: Vec<f64>,
+    /// How the rows of bases that give way change, at fixed next velocities and rates.
+    bases: Vec<f64>,
+    sweep: Option<Box<Adjoint>>,
+    zeros: Vec<f64>,
 }
 
 impl Linearisation {
@@ -80,6 +87,9 @@ impl Linearisation {
             packed: vec![0.0; n * width],
             a: vec![0.0; n],
             H: vec![0.0; n * n],
+            bases: vec![0.0; system.sways.len() * width],
+            sweep: (!system.sways.is_empty()).then(|| Box::new(Adjoint::new(system.multibody()))),
+            zeros: vec![0.0; n],
         }
     }
 }
@@ -114,7 +124,7 @@ impl System {
     /// [`System::step`] from `state` into `next`, and its derivatives.
     ///
     /// # Errors
-    /// As there; `next` or `linearisation` of another system; a base that gives way, which has no derivatives.
+    /// As there; `next` or `linearisation` of another system.
     pub fn linearise(
         &self,
         ws: &mut StepWorkspace,
@@ -128,12 +138,12 @@ impl System {
         let n = multibody.nv();
         self.check_state(state)?;
         self.check_state(next)?;
-        self.check_reversible()?;
         let at = Columns { n, nz: state.z.len() };
         let x = linearisation;
         length("a linearisation's rows", x.A.nrows(), at.u())?;
         let twice = self.solves_twice();
-        if (twice && x.first.is_empty()) || x.reached.is_empty() != self.commands.is_empty() {
+        let rows = self.sways.len() * at.width();
+        if (twice && x.first.is_empty()) || x.reached.is_empty() != self.commands.is_empty() || x.bases.len() != rows {
             return Err(DynamicsError::ForeignWorkspace);
         }
         next.q.copy_from_slice(&state.q);
@@ -178,7 +188,18 @@ impl System {
             *a = (w - v) / dt;
         }
         multibody.forces(&mut ws.rigid, Some(&x.a), true);
-        multibody.differentiate(&mut ws.rigid);
+        if self.sways.is_empty() {
+            multibody.differentiate(&mut ws.rigid);
+        } else {
+            ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
+            for (place, base) in self.sways.iter().zip(&ws.bases) {
+                let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+                let acceleration = motion.sway.direction * ((motion.next_rate(base, w) - motion.rate) / dt);
+                place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
+            }
+            multibody.accelerate_bases(&mut ws.rigid);
+            multibody.differentiate_on::<true>(&mut ws.rigid);
+        }
         let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
         let share = if midpoint { 0.5 * dt } else { dt };
         for (i, row) in x.change.chunks_exact_mut(at.width()).enumerate() {
@@ -204,6 +225,7 @@ impl System {
             self.residual_change(ws, state, dt, at, x);
         }
         x.H.copy_from_slice(ws.rigid.M.as_slice());
+        self.base_change(ws, state, dt, at, first, x);
         for placed in self.placements() {
             let taken =
                 Taken { state, next: if first { &ws.first.w } else { &ws.problem.v }, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
@@ -252,6 +274,42 @@ impl System {
                 let by_next = x.pulled[4 * n + k];
                 if by_next != 0.0 {
                     add_row(row, -dt * by_next, &x.first[at.row(k)]);
+                }
+            }
+        }
+    }
+
+    /// How the bases that give way change, eliminated from the joints' rows. Leaves the rigid workspace at the velocities of the state.
+    fn base_change(&self, ws: &mut StepWorkspace, state: &State, dt: f64, at: Columns, first: bool, x: &mut Linearisation) {
+        let (multibody, n) = (self.multibody(), at.n);
+        let Some(sweep) = &mut x.sweep else { return };
+        ws.rigid.v.copy_from_slice(&state.v);
+        multibody.velocities(&mut ws.rigid);
+        for (i, (place, base)) in self.sways.iter().zip(&ws.bases).enumerate() {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let w = if first { &ws.first.w } else { &ws.problem.v };
+            let d = motion.sway.direction;
+            // The force `d . sum F` of all that it carries, without gravity.
+            let acceleration = d * ((motion.next_rate(base, w) - motion.rate) / dt) + multibody.gravity;
+            ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
+            place.move_base(&mut ws.rigid, multibody, &acceleration, &d);
+            multibody.sweep_back_on::<true>(&mut ws.rigid, &x.zeros, &x.a, false, sweep);
+            let row = &mut x.bases[at.row(i)];
+            row.fill(0.0);
+            for k in 0..n {
+                row[k] = dt * sweep.q[k];
+                row[n + k] = dt * sweep.v[k] - sweep.a[k];
+            }
+            let z = at.z() + self.placements()[place.placement].z.start;
+            row[z] = dt * motion.sway.stiffness.value;
+            row[z + 1] = -motion.inward;
+            for (j, p) in base.momentum.iter().enumerate() {
+                let share = p / motion.inertia;
+                let to = &mut x.change[at.row(j)];
+                to[z + 1] -= p;
+                add_row(to, -share, row);
+                for (H, other) in x.H[j * n..(j + 1) * n].iter_mut().zip(&base.momentum) {
+                    *H -= share * other;
                 }
             }
         }
@@ -318,6 +376,20 @@ impl System {
             }
         }
         self.drive_change(ws, state, next, dt, at, true, x);
+        for (i, (place, base)) in self.sways.iter().zip(&ws.bases).enumerate() {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            x.row.copy_from_slice(&x.bases[at.row(i)]);
+            for (j, p) in base.momentum.iter().enumerate() {
+                add_row(&mut x.row, *p, &x.change[at.row(j)]);
+            }
+            x.row.iter_mut().for_each(|r| *r /= -motion.inertia);
+            let z = self.placements()[place.placement].z.start;
+            x.put(at.z() + z + 1, at);
+            x.row.iter_mut().for_each(|r| *r *= 0.5 * dt);
+            x.row[at.z() + z] += 1.0;
+            x.row[at.z() + z + 1] += 0.5 * dt;
+            x.put(at.z() + z, at);
+        }
     }
 
     /// Writes the rows of one effect's inner states, with its input as `reached` has it.

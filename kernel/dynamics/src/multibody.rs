@@ -153,7 +153,7 @@ impl Body {
     }
 
     /// Constants of the fast ways through kinematics. Rodrigues: `R_JB = n n^T + cos q (1 - n n^T) + sin q [n x]`.
-    fn prepare(&mut self) {
+    pub(crate) fn prepare(&mut self) {
         let n = self.motion.axis;
         let along = n * n.transpose();
         self.axis_P = self.R_PJ * n;

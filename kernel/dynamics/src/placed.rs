@@ -9,11 +9,11 @@ use std::ops::{Deref, DerefMut};
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
-use crate::effects::{Acts, Advance, Force, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Transfer};
+use crate::effects::{Acts, Advance, Force, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Sway, Transfer};
 use crate::joint::Motion;
-use crate::spatial::linear;
+use crate::spatial::{join, linear};
 use crate::step::StepWorkspace;
-use crate::{Multibody, Placement, SpatialInertia, State, System};
+use crate::{Multibody, Placement, SpatialInertia, State, System, Workspace};
 
 /// One step as it was taken, for effects.
 #[derive(Debug, Clone, Copy)]
@@ -373,28 +373,29 @@ impl System {
                 body.motion = Motion::new(body.motion.kind, &axis);
             }
             body.p_PJ += body.R_PJ * change.shift();
+            body.prepare();
         }
         self.multibody = bodies;
     }
 
     /// How the bases that give way are driven in this state. After the loads and composite inertias.
-    pub(crate) fn gather_bases(&self, ws: &mut StepWorkspace) {
-        for (place, base) in self.sways.iter().zip(&mut ws.bases) {
+    pub(crate) fn gather_bases(&self, rigid: &Workspace, bases: &mut [BaseMotion]) {
+        for (place, base) in self.sways.iter().zip(bases) {
             let placed = &self.placements()[place.placement];
             let Some(sway) = placed.effect.sway(self.theta_of(placed)) else { continue };
             let multibody = self.multibody();
             base.momentum.fill(0.0);
             (base.carried, base.reaction) = (0.0, 0.0);
             for (i, body) in multibody.bodies.iter().enumerate().skip(1).filter(|(i, _)| place.bodies[*i]) {
-                let inertia = &ws.rigid.composite[i];
+                let inertia = &rigid.composite[i];
                 for k in 0..body.nv {
-                    let momentum = linear(&inertia.times(&ws.rigid.S[body.tree + k])).dot(&sway.direction);
+                    let momentum = linear(&inertia.times(&rigid.S[body.tree + k])).dot(&sway.direction);
                     base.momentum[body.v + k] += momentum;
                 }
                 if !place.bodies[body.parent] {
                     base.carried += inertia.mass;
                     let weight = multibody.gravity * inertia.mass;
-                    base.reaction += (linear(&ws.rigid.F[i]) + weight).dot(&sway.direction);
+                    base.reaction += (linear(&rigid.F[i]) + weight).dot(&sway.direction);
                 }
             }
         }
@@ -419,15 +420,14 @@ impl System {
     pub(crate) fn advance_bases(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
         for (place, base) in self.sways.iter().zip(&ws.bases) {
             let Some(motion) = self.base_step(place, base, state, dt) else { continue };
-            let along: f64 = base.momentum.iter().zip(&ws.problem.v).map(|(p, w)| p * w).sum();
-            let rate = (motion.free - along) / motion.inertia;
+            let rate = motion.next_rate(base, &ws.problem.v);
             let z = self.placements()[place.placement].z.start;
             ws.z[z] = state.z[z] + 0.5 * dt * (motion.rate + rate);
             ws.z[z + 1] = rate;
         }
     }
 
-    fn base_step(&self, place: &SwayPlace, base: &BaseMotion, state: &State, h: f64) -> Option<BaseStep> {
+    pub(crate) fn base_step(&self, place: &SwayPlace, base: &BaseMotion, state: &State, h: f64) -> Option<BaseStep> {
         let placed = &self.placements()[place.placement];
         let sway = placed.effect.sway(self.theta_of(placed))?;
         let z = &state.z[placed.z.clone()];
@@ -435,15 +435,38 @@ impl System {
         let mass = sway.mass.value + base.carried;
         let along: f64 = base.momentum.iter().zip(&state.v).map(|(p, v)| p * v).sum();
         let free = (mass - held) * z[1] + along - h * (sway.stiffness.value * z[0] + base.reaction);
-        Some(BaseStep { inertia: mass + held, free, rate: z[1] })
+        Some(BaseStep { sway, inertia: mass + held, inward: mass - held, free, rate: z[1] })
     }
 }
 
 /// A base's step: its next rate is `(free - p.w) / inertia`.
-struct BaseStep {
-    inertia: f64,
-    free: f64,
-    rate: f64,
+pub(crate) struct BaseStep {
+    pub sway: Sway,
+    pub inertia: f64,
+    /// How `free` grows with the rate.
+    pub inward: f64,
+    pub free: f64,
+    pub rate: f64,
+}
+
+impl BaseStep {
+    /// The next rate, for next velocities of the joints.
+    pub fn next_rate(&self, base: &BaseMotion, w: &[f64]) -> f64 {
+        let along: f64 = base.momentum.iter().zip(w).map(|(p, w)| p * w).sum();
+        (self.free - along) / self.inertia
+    }
+}
+
+impl SwayPlace {
+    /// Lets the roots of what the base carries have its acceleration and virtual velocity. Adds to what is there.
+    pub fn move_base(&self, rigid: &mut Workspace, multibody: &Multibody, acceleration: &Vector3<f64>, virtual_velocity: &Vector3<f64>) {
+        for (i, body) in multibody.bodies.iter().enumerate().skip(1) {
+            if self.bodies[i] && !self.bodies[body.parent] {
+                rigid.bases[i][0] += join(&Vector3::zeros(), acceleration);
+                rigid.bases[i][1] += join(&Vector3::zeros(), virtual_velocity);
+            }
+        }
+    }
 }
 
 /// The rigid bodies as they are given, to be changed. When it goes, effects that change the bodies are put on top again.

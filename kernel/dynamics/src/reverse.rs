@@ -11,6 +11,11 @@
 //! The smooth rigid part of `r` is `h ID(q, v, a)` with `a = (w - v) / h`, so what is left is the reverse of recursive
 //! Newton-Euler, `algorithms::adjoint`.
 //!
+//! A base that gives way is one more row: `r_b = D rate+ - free + p . w`, with a multiplier `mu` of its own. Eliminated, it leaves
+//! `H - p p^T / D` and `w' - p rate+' / D` on the joints, and `mu = (rate+' - p . lambda) / D`. Its rigid part is the force
+//! `h d . sum F` of all that it carries, without gravity: one more sweep, with the virtual velocity `-h mu d` under what it carries
+//! and no multipliers on the joints. In the joints' own sweep what it carries is accelerated with `d (rate+ - rate) / h`.
+//!
 //! A step with Coriolis forces half way, or with a learned residual, is solved twice; it is taken back the same way: the
 //! second solve first, whose dependence on the first one's `w~` is the cotangent that the first one starts from.
 
@@ -24,7 +29,7 @@ use crate::contact::solver::ContactWorkspace;
 use crate::joint::matrix;
 use crate::linear::{cholesky, cholesky_solve, eliminate};
 use crate::parameter::left_jacobian;
-use crate::placed::{Cotangents, Taken};
+use crate::placed::{BaseMotion, Cotangents, SwayPlace, Taken};
 use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
@@ -214,6 +219,9 @@ pub(crate) struct ReverseWorkspace {
     tau_bar: Vec<f64>,
     spare: Vec<f64>,
     next: StateCotangent,
+    /// Bases that give way, and `w'` as they leave it.
+    bases: Vec<BaseMotion>,
+    condensed: Vec<f64>,
 }
 
 /// Which groups of parameters a reverse pass works for; each that is left out saves its time.
@@ -258,6 +266,8 @@ impl ReverseWorkspace {
             tau_bar: vec![0.0; n],
             spare: vec![0.0; n],
             next: StateCotangent::zero(system),
+            bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
+            condensed: vec![0.0; n],
         }
     }
 
@@ -287,21 +297,6 @@ impl System {
     /// The factor that a step leaves is not quite the one at its solution.
     fn factors_again(&self) -> bool {
         self.contacts.is_some() || self.nonlinear
-    }
-
-    /// Is there a way back through this system?
-    pub(crate) fn check_reversible(&self) -> Result<(), DynamicsError> {
-        match self.sways.first() {
-            None => Ok(()),
-            Some(sway) => {
-                let placed = &self.placements()[sway.placement];
-                Err(DynamicsError::Build {
-                    part: placed.part.clone(),
-                    place: placed.effect.description().name.into(),
-                    message: "has no gradient through time; take the effect off, or take differences".into(),
-                })
-            }
-        }
     }
 
     /// Adds to the gradient by effects that change the rigid bodies what the gradient by those gives.
@@ -345,6 +340,11 @@ impl System {
         multibody.gather_external(&mut ws.rigid, input.external)?;
         if let (Some(contacts), Some(contact)) = (&self.contacts, &mut ws.contact) {
             contact.find(contacts, multibody, &ws.rigid, dt);
+        }
+        if !self.sways.is_empty() {
+            multibody.newton_euler(&mut ws.rigid, None, true, &mut ws.spare);
+            multibody.composite(&mut ws.rigid);
+            self.gather_bases(&ws.rigid, &mut ws.bases);
         }
         ws.load_bar.fill(0.0);
         std::mem::swap(&mut ws.next, bar);
@@ -435,7 +435,17 @@ impl System {
         let (multibody, state) = (self.multibody(), &record.state);
         let n = multibody.nv();
         let solve = if first { &record.first } else { &record.second };
-        if ws.w.iter().all(|w| *w == 0.0) {
+        // The next rate of a base, and half of its next displacement, are read from the last solve.
+        let last = !first || !self.solves_twice();
+        ws.condensed.copy_from_slice(&ws.w);
+        for (place, base) in self.sways.iter().zip(&ws.bases) {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let share = self.rate_bar(place, &ws.next, dt, last) / motion.inertia;
+            for (w, p) in ws.condensed.iter_mut().zip(&base.momentum) {
+                *w -= share * p;
+            }
+        }
+        if ws.w.iter().all(|w| *w == 0.0) && (self.sways.is_empty() || !last) {
             return;
         }
         let touching = match (&self.contacts, &mut ws.contact) {
@@ -449,10 +459,10 @@ impl System {
         if touching || self.nonlinear {
             let contacts = if touching { self.contacts.as_deref().zip(ws.contact.as_deref()) } else { None };
             let taken = record.taken(&solve.w, dt);
-            self.solve_transposed(contacts, record, &taken, &solve.held, &ws.w, &mut ws.factor, &mut ws.rhs);
+            self.solve_transposed(contacts, record, &taken, &solve.held, &ws.condensed, &ws.bases, &mut ws.factor, &mut ws.rhs);
             spread(&solve.held, &ws.rhs, &mut ws.lambda);
         } else {
-            let m = gather(&solve.held, &ws.w, &mut ws.rhs);
+            let m = gather(&solve.held, &ws.condensed, &mut ws.rhs);
             cholesky_solve(&solve.factor, m, &mut ws.rhs[..m]);
             spread(&solve.held, &ws.rhs, &mut ws.lambda);
         }
@@ -472,7 +482,17 @@ impl System {
             ws.a[k] = (solve.w[k] - state.v[k]) / dt;
             ws.rhs[k] = -dt * ws.lambda[k];
         }
-        multibody.sweep_back(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+        if self.sways.is_empty() {
+            multibody.sweep_back(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+        } else {
+            ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
+            for (place, base) in self.sways.iter().zip(&ws.bases) {
+                let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+                let acceleration = motion.sway.direction * ((motion.next_rate(base, &solve.w) - motion.rate) / dt);
+                place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
+            }
+            multibody.sweep_back_on::<true>(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+        }
         self.hand_on_external(&ws.adjoint, input);
         for k in 0..n {
             let of_a = ws.adjoint.a[k] / dt;
@@ -497,6 +517,66 @@ impl System {
         if midpoint {
             ws.rigid.v.copy_from_slice(&state.v);
             multibody.velocities(&mut ws.rigid);
+        }
+        self.reverse_bases(ws, solve, state, last, dt, bar, input);
+    }
+
+    /// The cotangent of the next rate of a base.
+    fn rate_bar(&self, place: &SwayPlace, next: &StateCotangent, dt: f64, last: bool) -> f64 {
+        let z = self.placements()[place.placement].z.start;
+        if last { next.z[z + 1] + 0.5 * dt * next.z[z] } else { 0.0 }
+    }
+
+    /// What the bases that give way make of `lambda`, with their own multipliers. At the velocities of the state.
+    #[allow(clippy::too_many_arguments)]
+    fn reverse_bases(
+        &self,
+        ws: &mut ReverseWorkspace,
+        solve: &Solve,
+        state: &State,
+        last: bool,
+        dt: f64,
+        bar: &mut StateCotangent,
+        input: &mut InputCotangent<'_>,
+    ) {
+        let multibody = self.multibody();
+        for (i, place) in self.sways.iter().enumerate() {
+            let base = &ws.bases[i];
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let placed = &self.placements()[place.placement];
+            let along: f64 = base.momentum.iter().zip(&ws.lambda).map(|(p, l)| p * l).sum();
+            let mu = (self.rate_bar(place, &ws.next, dt, last) - along) / motion.inertia;
+            let rate = motion.next_rate(base, &solve.w);
+            let (sum, change, sway) = (rate + motion.rate, rate - motion.rate, &motion.sway);
+            let z = placed.z.start;
+            if last {
+                bar.z[z] += ws.next.z[z];
+                bar.z[z + 1] += 0.5 * dt * ws.next.z[z];
+            }
+            bar.z[z] -= mu * dt * sway.stiffness.value;
+            bar.z[z + 1] += along + mu * motion.inward;
+            for (k, theta) in ws.theta[placed.theta.clone()].iter_mut().enumerate() {
+                let held = 0.25 * dt * dt * sway.stiffness.d_theta[k] + 0.5 * dt * sway.damping.d_theta[k];
+                let by_force = dt * state.z[z] * sway.stiffness.d_theta[k];
+                *theta -= mu * (change * sway.mass.d_theta[k] + sum * held + by_force);
+            }
+            // Gravity does not drive the base: it is taken off what it carries.
+            let acceleration = sway.direction * (change / dt) + multibody.gravity;
+            ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
+            place.move_base(&mut ws.rigid, multibody, &acceleration, &(sway.direction * (-dt * mu)));
+            ws.spare.fill(0.0);
+            let gravity = ws.adjoint.gravity;
+            multibody.sweep_back_on::<true>(&mut ws.rigid, &ws.spare, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
+            ws.adjoint.gravity = gravity;
+            self.hand_on_external(&ws.adjoint, input);
+            for k in 0..multibody.nv() {
+                let of_a = ws.adjoint.a[k] / dt;
+                bar.q[k] += ws.adjoint.q[k];
+                bar.v[k] += ws.adjoint.v[k] - of_a;
+                if solve.held[k] == Held::AtLimit {
+                    bar.q[k] -= of_a / (dt * self.wall_steps(k, state, solve.w[k]));
+                }
+            }
         }
     }
 
@@ -562,6 +642,7 @@ impl System {
         taken: &Taken<'_>,
         held: &[Held],
         w: &[f64],
+        bases: &[BaseMotion],
         H: &mut [f64],
         rhs: &mut [f64],
     ) {
@@ -569,6 +650,14 @@ impl System {
         H[..n * n].copy_from_slice(&record.M);
         for placed in self.placements() {
             H[placed.v * n + placed.v] += taken.dt * self.resistance(placed, taken).total(taken.next[placed.v]).d_next;
+        }
+        for (place, base) in self.sways.iter().zip(bases) {
+            let Some(motion) = self.base_step(place, base, taken.state, taken.dt) else { continue };
+            for (i, p) in base.momentum.iter().enumerate() {
+                for (j, other) in base.momentum.iter().enumerate() {
+                    H[i * n + j] -= p * other / motion.inertia;
+                }
+            }
         }
         if let Some((contacts, contact)) = contacts {
             for (active, wrench) in contact.active.iter().zip(&contact.by_active) {

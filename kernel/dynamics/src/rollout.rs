@@ -213,7 +213,7 @@ impl Rollout {
     /// the cotangent that it is given (zeros). The gradient is then in [`Self::gradient`].
     ///
     /// # Errors
-    /// A base that gives way (`unmodelled_mode`), which has no gradient through time; there was no forward pass; inputs of another length; a cotangent or gradient that is not finite; as [`Self::forward`].
+    /// There was no forward pass; inputs of another length; a cotangent or gradient that is not finite; as [`Self::forward`].
     pub fn backward(
         &mut self,
         system: &System,
@@ -228,7 +228,6 @@ impl Rollout {
                 must: "at least 1, and without an error".into(),
             });
         }
-        system.check_reversible()?;
         let (n, dt, links) = (system.multibody().nv(), self.options.dt, self.options.links);
         self.reverse.clear();
         self.gradient.tau.fill(0.0);

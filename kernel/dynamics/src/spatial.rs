@@ -1,6 +1,6 @@
 //! Spatial vectors and inertias (Featherstone 2008, chapter 2), angular part first.
 
-use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Matrix3, Point3, Vector3, Vector6};
 
 /// `[omega; v]` of a motion, `[torque; force]` of a force.
 pub type SpatialVector = Vector6<f64>;
@@ -157,29 +157,72 @@ impl SpatialInertia {
         let (omega, v) = (angular(V), linear(V));
         join(&(mul(&self.I, &omega) + self.h.cross(&v)), &(v * self.mass - self.h.cross(&omega)))
     }
+}
 
-    /// As a 6 x 6 matrix.
-    #[inline]
-    pub fn matrix(&self) -> Matrix6<f64> {
-        let mut A = Matrix6::zeros();
-        A.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.I);
-        let (x, y, z) = (self.h.x, self.h.y, self.h.z);
-        A[(0, 4)] = -z;
-        A[(0, 5)] = y;
-        A[(1, 3)] = z;
-        A[(1, 5)] = -x;
-        A[(2, 3)] = -y;
-        A[(2, 4)] = x;
-        A[(4, 0)] = -z;
-        A[(5, 0)] = y;
-        A[(3, 1)] = z;
-        A[(5, 1)] = -x;
-        A[(3, 2)] = -y;
-        A[(4, 2)] = x;
-        for i in 3..6 {
-            A[(i, i)] = self.mass;
+/// The inertia of articulated bodies (Featherstone 2008, section 7.1): `[J, H; H^T, M]`, `J` and `M` symmetric and stored as
+/// xx, xy, xz, yy, yz, zz, `H` by rows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ArticulatedInertia {
+    J: [f64; 6],
+    H: [f64; 9],
+    M: [f64; 6],
+}
+
+impl ArticulatedInertia {
+    pub const ZERO: Self = Self { J: [0.0; 6], H: [0.0; 9], M: [0.0; 6] };
+
+    #[inline(always)]
+    pub fn rigid(I: &SpatialInertia) -> Self {
+        let (J, h, m) = (&I.I, &I.h, I.mass);
+        Self {
+            J: [J.m11, J.m12, J.m13, J.m22, J.m23, J.m33],
+            H: [0.0, -h.z, h.y, h.z, 0.0, -h.x, -h.y, h.x, 0.0],
+            M: [m, 0.0, 0.0, m, 0.0, m],
         }
-        A
+    }
+
+    #[inline(always)]
+    pub fn times(&self, V: &SpatialVector) -> SpatialVector {
+        let ([a, b, c, d, e, f], Self { J, H, M }) = ([V[0], V[1], V[2], V[3], V[4], V[5]], self);
+        SpatialVector::new(
+            J[0] * a + J[1] * b + J[2] * c + H[0] * d + H[1] * e + H[2] * f,
+            J[1] * a + J[3] * b + J[4] * c + H[3] * d + H[4] * e + H[5] * f,
+            J[2] * a + J[4] * b + J[5] * c + H[6] * d + H[7] * e + H[8] * f,
+            H[0] * a + H[3] * b + H[6] * c + M[0] * d + M[1] * e + M[2] * f,
+            H[1] * a + H[4] * b + H[7] * c + M[1] * d + M[3] * e + M[4] * f,
+            H[2] * a + H[5] * b + H[8] * c + M[2] * d + M[4] * e + M[5] * f,
+        )
+    }
+
+    /// Takes `scale U U^T` away.
+    #[inline(always)]
+    pub fn subtract(&mut self, scale: f64, U: &SpatialVector) {
+        let ([a, b, c, d, e, f], [x, y, z]) = ([U[0], U[1], U[2], U[3], U[4], U[5]], [scale * U[0], scale * U[1], scale * U[2]]);
+        for (to, from) in self.J.iter_mut().zip([x * a, x * b, x * c, y * b, y * c, z * c]) {
+            *to -= from;
+        }
+        for (to, from) in self.H.iter_mut().zip([x * d, x * e, x * f, y * d, y * e, y * f, z * d, z * e, z * f]) {
+            *to -= from;
+        }
+        let [x, y, z] = [scale * d, scale * e, scale * f];
+        for (to, from) in self.M.iter_mut().zip([x * d, x * e, x * f, y * e, y * f, z * f]) {
+            *to -= from;
+        }
+    }
+}
+
+impl std::ops::AddAssign for ArticulatedInertia {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        for (to, from) in self.J.iter_mut().zip(other.J) {
+            *to += from;
+        }
+        for (to, from) in self.H.iter_mut().zip(other.H) {
+            *to += from;
+        }
+        for (to, from) in self.M.iter_mut().zip(other.M) {
+            *to += from;
+        }
     }
 }
 

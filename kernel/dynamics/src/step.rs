@@ -37,7 +37,14 @@ pub enum Coriolis {
 pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 
 /// A step is solved again at most this often for forces that are no linear function of the next velocity.
-const REFINEMENTS: usize = 30;
+const REFINEMENTS: usize = 100;
+
+/// Next velocities have settled when a solution changes them by no more than this, over their size.
+const SETTLED: f64 = 1e-12;
+
+/// Where they still move by more than this when rounds run out, the step is an error. It lies well above what the solver with
+/// contacts leaves, and far below what a measurement could tell.
+const UNSETTLED: f64 = 1e-8;
 
 /// Everything that changes while one system is stepped. Made once by [`System::workspace`].
 #[derive(Debug, Clone)]
@@ -160,7 +167,7 @@ impl System {
         }
         multibody.composite(&mut ws.rigid);
         self.drive(ws, state, dt);
-        self.gather_bases(ws);
+        self.gather_bases(&ws.rigid, &mut ws.bases);
         ws.more.fill(0.0);
         ws.next.copy_from_slice(&state.v);
         self.assemble(ws, state, dt);
@@ -237,23 +244,28 @@ impl System {
         }
     }
 
-    /// Solves the step again about its own solution, until that stays. Where it does not, forces have a jump that the step stands
-    /// on; the last solution is as good as any then.
+    /// Solves the step again about its own solution, until that stays. Where it does not, a force jumps or falls so steeply within
+    /// the step that the step has no solution that its derivatives could stand on; that is an error, and a shorter step helps.
     fn refine(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
         if !self.nonlinear {
             return Ok(());
         }
+        let mut moved = 0.0;
         for _ in 0..REFINEMENTS {
-            let moved = |(w, old): (&f64, &f64)| (w - old).abs() > 1e-12 * (1.0 + w.abs());
-            if !ws.problem.v.iter().zip(&ws.next).any(moved) {
-                break;
+            let by = |(w, old): (&f64, &f64)| (w - old).abs() / (1.0 + w.abs());
+            moved = ws.problem.v.iter().zip(&ws.next).map(by).fold(0.0, f64::max);
+            if moved <= SETTLED {
+                return Ok(());
             }
             ws.next.copy_from_slice(&ws.problem.v);
             self.assemble(ws, state, dt);
             check("the forces of the step", &ws.problem.b, ws.problem.n)?;
             self.solve(ws, dt, true)?;
         }
-        Ok(())
+        if moved <= UNSETTLED {
+            return Ok(());
+        }
+        Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
     }
 
     /// Writes the convex problem of the step about the next velocities `ws.next`.

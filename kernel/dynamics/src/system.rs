@@ -154,6 +154,9 @@ impl System {
                 return Err(fault("acts on a base that is fixed to the world; this one is free"));
             }
             let bodies = self.carried_by_base(part);
+            if self.multibody.bodies.iter().zip(&bodies).any(|(b, carried)| *carried && !bodies[b.parent] && b.parent != 0) {
+                return Err(fault("acts on a base that is fixed to the world; this one is held by another part"));
+            }
             self.place(entry, &first, first.v.start)?;
             if let Some(placed) = self.placements.last_mut() {
                 (placed.joint, placed.q) = (String::new(), None);

@@ -1,6 +1,7 @@
-use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::algorithms::derivatives::Variation;
+use crate::spatial::ArticulatedInertia;
 use crate::{LinkId, Multibody, SpatialInertia, SpatialVector};
 
 /// Four columns side by side: what the processor multiplies at once.
@@ -48,7 +49,7 @@ pub struct Workspace {
     /// Composite inertias.
     pub(crate) composite: Vec<SpatialInertia>,
     /// Articulated inertias and bias forces, with what the acceleration pass needs again.
-    pub(crate) articulated: Vec<Matrix6<f64>>,
+    pub(crate) articulated: Vec<ArticulatedInertia>,
     pub(crate) bias_force: Vec<SpatialVector>,
     pub(crate) U: Vec<SpatialVector>,
     /// Factor of each joint's inertia, 6 x 6 at most, and its right-hand side.
@@ -66,6 +67,9 @@ pub struct Workspace {
     pub(crate) scratch_row: Vec<Lane>,
     /// What derivatives need.
     pub(crate) variation: Variation,
+    /// Acceleration, and virtual velocity, that what a body's joint stands on has beyond its parent: of bases that give way. Only
+    /// the passes that say so look at it.
+    pub(crate) bases: Vec<[SpatialVector; 2]>,
 }
 
 /// A force on a link.
@@ -95,7 +99,7 @@ impl Workspace {
             F: vec![SpatialVector::zeros(); b],
             external: vec![SpatialVector::zeros(); b],
             composite: vec![SpatialInertia::ZERO; b],
-            articulated: vec![Matrix6::zeros(); b],
+            articulated: vec![ArticulatedInertia::ZERO; b],
             bias_force: vec![SpatialVector::zeros(); b],
             U: vec![SpatialVector::zeros(); t],
             D: vec![[0.0; 36]; b],
@@ -107,6 +111,7 @@ impl Workspace {
             scratch: vec![0.0; n],
             scratch_row: vec![[0.0; 4]; t.div_ceil(4)],
             variation: Variation::new(multibody),
+            bases: vec![[SpatialVector::zeros(); 2]; b],
         };
         multibody.neutral_positions(&mut ws.q);
         multibody.kinematics(&mut ws);

@@ -116,10 +116,12 @@ impl Library {
     pub fn get_version(&self, name: &str, version: &str) -> Result<Stored, LibraryError> {
         let (folder, version) = self.version_folder(name, version)?;
         let found = Version::of_folder(&folder)?;
+        // What cannot be read is told first: it names the file and the line, where a hash only says that something changed.
+        let model = ObjectModel::read(&folder)?;
         if found != version {
             return Err(LibraryError::Corrupt { path: folder, found });
         }
-        Ok(Stored { version, model: Arc::new(ObjectModel::read(&folder)?) })
+        Ok(Stored { version, model: Arc::new(model) })
     }
 
     /// The folder of a version that exists.

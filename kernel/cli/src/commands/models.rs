@@ -35,6 +35,19 @@ pub fn models(command: &Models) -> Result<bool, CliError> {
             print(&model_text(&report));
             report.listing.problem.map_or(Ok(true), |problem| Err(CliError::Other(problem)))
         }
+        Models::Add { folder, name, places } => {
+            let library = place::library(places, None)?;
+            // The last part of `.` or `x/..` is known only after links and dots are resolved.
+            let real = folder.canonicalize().map_err(|e| CliError::Other(format!("{}: {e}", folder.display())))?;
+            let name = name.clone().or_else(|| Some(real.file_name()?.to_string_lossy().into_owned()));
+            let name = name.ok_or_else(|| CliError::Other(format!("{}: give the object a name with --name", folder.display())))?;
+            let version = library.publish(&name, &real, &[]).map_err(wrong)?;
+            print(&format!("added  {name} {version}  {}\n", library.root().join(&name).join(version.to_string()).display()));
+            for finding in library.verify(&name).map_err(wrong)?.findings {
+                print(&format!("       {}: {}\n", finding.place, finding.message));
+            }
+            Ok(true)
+        }
         Models::Verify { places } => {
             let library = place::library(places, None)?;
             let mut damaged = Vec::new();

@@ -98,7 +98,7 @@ pub struct Adjoint {
     pub(crate) channels: [Channel; 3],
     bodies: Vec<BodyGradient>,
     armature: Vec<f64>,
-    gravity: Vector3<f64>,
+    pub(crate) gravity: Vector3<f64>,
     /// Virtual velocity of each body in the last sweep.
     pub(crate) W: Vec<SpatialVector>,
     V_bar: Vec<SpatialVector>,
@@ -195,9 +195,25 @@ impl Multibody {
 
     /// [`Self::inverse_dynamics_adjoint`] with external forces gathered and everything checked.
     pub(crate) fn sweep_back(&self, ws: &mut Workspace, lambda: &[f64], a: &[f64], parameters: bool, x: &mut Adjoint) {
+        self.sweep_back_on::<false>(ws, lambda, a, parameters, x);
+    }
+
+    /// The same where bases give way, if `SWAYS`: what stands on them has their accelerations and virtual velocities too.
+    pub(crate) fn sweep_back_on<const SWAYS: bool>(
+        &self,
+        ws: &mut Workspace,
+        lambda: &[f64],
+        a: &[f64],
+        parameters: bool,
+        x: &mut Adjoint,
+    ) {
         ws.A[0] = join(&Vector3::zeros(), &-self.gravity);
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
             let (mut A, mut W) = (ws.A[body.parent] + ws.c[i], x.W[body.parent]);
+            if SWAYS {
+                A += ws.bases[i][0];
+                W += ws.bases[i][1];
+            }
             for (k, S) in ws.S[body.tree_range()].iter().enumerate() {
                 A += S * a[body.v + k];
                 W += S * lambda[body.v + k];
@@ -251,6 +267,9 @@ impl Multibody {
             let (V_P, V_bar, A_bar, W_bar, N) = (&ws.V[P], x.V_bar[i], x.A_bar[i], x.W_bar[i], x.N[i]);
             let inward = V_bar + cross_force(&(ws.V[i] - V_P), &A_bar);
             let mut X_bar = -(cross_force(V_P, &inward) + cross_force(&ws.A[P], &A_bar) + cross_force(&x.W[P], &W_bar) + N);
+            if SWAYS {
+                X_bar -= cross_force(&ws.bases[i][0], &A_bar) + cross_force(&ws.bases[i][1], &W_bar);
+            }
             if x.seeded {
                 for c in &mut x.channels {
                     let seed = c.seed[i];

@@ -252,10 +252,15 @@ impl Multibody {
     /// Derivatives of inverse dynamics into the workspace's `variation`, after [`Multibody::forces`] and
     /// [`Multibody::composite`], with external forces gathered.
     pub(crate) fn differentiate(&self, ws: &mut Workspace) {
+        self.differentiate_on::<false>(ws);
+    }
+
+    /// The same where bases give way, if `SWAYS`: after [`Multibody::accelerate_bases`].
+    pub(crate) fn differentiate_on<const SWAYS: bool>(&self, ws: &mut Workspace) {
         let n = self.nv;
-        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_lanes, IS, .. } = ws;
+        let Workspace { variation: x, S, V, A, P, external, inertial, inertia, composite, S_lanes, IS, bases, .. } = ws;
         for (i, body) in self.bodies.iter().enumerate().skip(1) {
-            let (V_P, A_P) = (&V[body.parent], &A[body.parent]);
+            let (V_P, A_P) = (&V[body.parent], if SWAYS { &(A[body.parent] + bases[i][0]) } else { &A[body.parent] });
             x.rate[i] = Rate::new(&inertia[i], &V[i], &P[i]);
             for t in body.tree_range() {
                 let D = cross_motion(V_P, &S[t]);

@@ -5,12 +5,10 @@
 //! `a = D^-1 (u - U^T A')`, `A = A' + S a`. Joints that follow others couple distant branches, which this recursion cannot
 //! see; a tree with such joints goes through its mass matrix.
 
-use nalgebra::Matrix6;
-
 use crate::error::check;
 use crate::linear::{cholesky, cholesky_solve, tree_solve};
 use crate::multibody::length;
-use crate::spatial::join;
+use crate::spatial::{ArticulatedInertia, dot, join};
 use crate::{DynamicsError, ExternalWrench, Multibody, SpatialVector, Workspace, cross_force};
 
 impl Multibody {
@@ -48,28 +46,26 @@ impl Multibody {
     fn articulated(&self, ws: &mut Workspace, tau: &[f64], a: &mut [f64]) -> Result<(), DynamicsError> {
         for i in 1..self.bodies.len() {
             let V = &ws.V[i];
-            ws.articulated[i] = ws.inertia[i].matrix();
+            ws.articulated[i] = ArticulatedInertia::rigid(&ws.inertia[i]);
             ws.bias_force[i] = cross_force(V, &ws.inertia[i].times(V)) - ws.external[i];
         }
-        for i in (1..self.bodies.len()).rev() {
-            let body = &self.bodies[i];
+        for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
             if body.nv == 1 {
                 let S = ws.S[body.tree];
-                let U = ws.articulated[i] * S;
-                let D = S.dot(&U) + self.armature[body.v];
+                let (mut I, p) = (ws.articulated[i], ws.bias_force[i]);
+                let U = I.times(&S);
+                let D = dot(&S, &U) + self.armature[body.v];
                 if D.is_nan() || D <= 0.0 {
                     return Err(self.no_inertia(body.v));
                 }
-                let u = tau[body.v] - S.dot(&ws.bias_force[i]);
+                let (u, inverse) = (tau[body.v] - dot(&S, &p), 1.0 / D);
                 ws.U[body.tree] = U;
                 ws.u[body.tree] = u;
-                ws.D[i][0] = 1.0 / D;
+                ws.D[i][0] = inverse;
                 if body.parent != 0 {
-                    let scaled = U / D;
-                    let Ia = ws.articulated[i] - scaled * U.transpose();
-                    let pa = ws.bias_force[i] + Ia * ws.c[i] + scaled * u;
-                    ws.articulated[body.parent] += Ia;
-                    ws.bias_force[body.parent] += pa;
+                    I.subtract(inverse, &U);
+                    ws.bias_force[body.parent] += p + I.times(&ws.c[i]) + U * (inverse * u);
+                    ws.articulated[body.parent] += I;
                 }
             } else {
                 self.eliminate(ws, i, tau)?;
@@ -82,7 +78,7 @@ impl Multibody {
             let mut x = [0.0; 6];
             let tree = body.tree..body.tree + body.nv;
             for (x, (u, U)) in x.iter_mut().zip(ws.u[tree.clone()].iter().zip(&ws.U[tree])) {
-                *x = u - U.dot(&A);
+                *x = u - dot(U, &A);
             }
             if body.nv == 1 {
                 x[0] *= ws.D[i][0];
@@ -104,7 +100,7 @@ impl Multibody {
         let n = body.nv;
         for k in 0..n {
             let S = ws.S[body.tree + k];
-            ws.U[body.tree + k] = ws.articulated[i] * S;
+            ws.U[body.tree + k] = ws.articulated[i].times(&S);
             ws.u[body.tree + k] = tau[body.v + k] - S.dot(&ws.bias_force[i]);
         }
         for k in 0..n {
@@ -117,24 +113,24 @@ impl Multibody {
         if body.parent == 0 {
             return Ok(());
         }
+        // I - U^T D^-1 U = I - sum W_k W_k^T with W = L^-1 U, D = L L^T.
         let mut Ia = ws.articulated[i];
         let mut Du = [0.0; 6];
         Du[..n].copy_from_slice(&ws.u[body.tree..body.tree + n]);
         cholesky_solve(&ws.D[i], n, &mut Du[..n]);
         let mut pa = ws.bias_force[i];
+        let mut W = [SpatialVector::zeros(); 6];
         for k in 0..n {
-            let mut e = [0.0; 6];
-            e[k] = 1.0;
-            cholesky_solve(&ws.D[i], n, &mut e[..n]);
-            let mut column = SpatialVector::zeros();
-            for (U, e) in ws.U[body.tree..body.tree + n].iter().zip(e) {
-                column += U * e;
+            let U = ws.U[body.tree + k];
+            let mut row = U;
+            for (l, W) in W.iter().enumerate().take(k) {
+                row -= W * ws.D[i][k * n + l];
             }
-            Ia -= column * ws.U[body.tree + k].transpose();
-            pa += ws.U[body.tree + k] * Du[k];
+            W[k] = row / ws.D[i][k * n + k];
+            Ia.subtract(1.0, &W[k]);
+            pa += U * Du[k];
         }
-        let Ia: Matrix6<f64> = (Ia + Ia.transpose()) * 0.5;
-        pa += Ia * ws.c[i];
+        pa += Ia.times(&ws.c[i]);
         ws.articulated[body.parent] += Ia;
         ws.bias_force[body.parent] += pa;
         Ok(())

@@ -115,6 +115,17 @@ impl Multibody {
         }
     }
 
+    /// Adds the accelerations of bases that give way to those that [`Self::forces`] had.
+    pub(crate) fn accelerate_bases(&self, ws: &mut Workspace) {
+        ws.F[0] = SpatialVector::zeros();
+        for (i, body) in self.bodies.iter().enumerate().skip(1) {
+            let dA = ws.F[body.parent] + ws.bases[i][0];
+            ws.A[i] += dA;
+            ws.inertial[i] += ws.inertia[i].times(&dA);
+            ws.F[i] = dA;
+        }
+    }
+
     /// Adds the accelerations `a` to those that [`Self::forces`] had.
     pub(crate) fn accelerate(&self, ws: &mut Workspace, a: &[f64]) {
         // `F` is free: the change of each body's acceleration.

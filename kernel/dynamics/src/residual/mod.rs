@@ -208,6 +208,7 @@ impl System {
     /// # Errors
     /// A vector of the wrong length or with a number that is not finite; a step that is not positive; a workspace of another
     /// system.
+    #[allow(clippy::too_many_arguments)]
     pub fn residual_force(
         &self,
         ws: &mut StepWorkspace,

@@ -81,7 +81,7 @@ impl Trainer {
             }
         }
         for (what, value) in [("rate", self.rate), ("decay", self.decay)] {
-            if !(value >= 0.0 && value < 1.0) {
+            if !(0.0..1.0).contains(&value) {
                 let what = format!("the training's {what}");
                 return Err(DynamicsError::OutOfBounds { what, value, must: "at least 0 and below 1".into() });
             }

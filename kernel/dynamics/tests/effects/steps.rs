@@ -2,7 +2,7 @@
 
 use rand::RngExt;
 use sagci_dynamics::effects::{Acts, Advance, Instant, Prior, Resistance, catalogue};
-use sagci_dynamics::{Cotangents, Held, Input, State, System, Taken};
+use sagci_dynamics::{Cotangents, DynamicsError, Held, Input, State, System, Taken};
 
 use crate::common::random;
 use crate::{block, draw, run};
@@ -222,4 +222,38 @@ fn shorter_steps_converge_for_every_effect() {
         println!("{}: {errors:?}", d.name);
         assert!(errors[2] < 0.2 * errors[0] || errors[2] < 1e-7, "{}: {errors:?}", d.name);
     }
+}
+
+#[test]
+fn a_step_solves_its_equation_or_says_that_it_does_not() {
+    // Grooves much narrower than the way of one step: the force can jump to and fro without end.
+    let mut rng = random(53);
+    let (mut solved, mut refused) = (0, 0);
+    for _ in 0..2000 {
+        let force = rng.random_range(-200.0..200.0);
+        let system = block(MASS, &[("detent", &[("force", force), ("position", 0.0), ("width", rng.random_range(1e-3..1e-2))])]);
+        let (mut ws, mut state) = (system.workspace(), system.state());
+        (state.q[0], state.v[0]) = (rng.random_range(-0.02..0.02), rng.random_range(-1.0..1.0));
+        let (input, before) = (rng.random_range(-5.0..5.0), state.clone());
+        let dt = 2e-2;
+        match system.step(&mut ws, &mut state, &Input { tau: &[input], ..Input::default() }, dt) {
+            Ok(()) => {
+                let placed = &system.placements()[0];
+                let at = Instant { q: before.q[0], v: before.v[0], next: state.v[0], dt, input, load: 0.0, time: 0.0, z: &[] };
+                let mut out = Resistance::default();
+                placed.effect.resist(&system.parameters()[placed.theta.clone()], &at, &mut out);
+                let left = MASS * (state.v[0] - before.v[0]) + dt * (out.total(state.v[0]).value - input);
+                // As far as a change of 1e-8 of the velocity moves it.
+                let slope = MASS + dt * out.smooth.d_next.abs();
+                assert!(left.abs() < 2e-8 * slope * (1.0 + state.v[0].abs()), "{left}");
+                solved += 1;
+            }
+            Err(DynamicsError::NoConvergence { .. }) => {
+                assert_eq!(state, before, "a step that fails leaves its state");
+                refused += 1;
+            }
+            Err(e) => panic!("{e}"),
+        }
+    }
+    assert!(solved > 500 && refused > 50, "{solved} solved, {refused} refused");
 }

@@ -397,7 +397,13 @@ impl Checker<'_> {
             return Guess::UNKNOWN;
         }
         if self.known.skills.get(name).is_some() {
-            return self.skill(name, &arguments, position);
+            // Arrays and texts have methods of such names too, told apart by what is acted on.
+            let method = self.known.functions.iter().any(|(n, arity)| n == name && *arity == arguments.len());
+            match arguments.first().map(|(guess, _)| guess.kind) {
+                Some(None) if method => return Guess::UNKNOWN,
+                Some(Some(kind)) if method && kind != Kind::Object => return Guess::UNKNOWN,
+                _ => return self.skill(name, &arguments, position),
+            }
         }
         if base.is_some_and(|b| b.kind == Some(Kind::Scene)) && name == "expect" {
             return self.expect(&arguments[1..], position);

@@ -95,26 +95,33 @@ fn bare_engine() -> Engine {
     engine
 }
 
-/// The names that mean something in every script; no skill may take one.
+/// The names that mean something in every script; no skill may take one. Methods of Rhai's own arrays, maps and texts are
+/// not among them: a skill may be called `push`, for what its first argument is tells the two apart.
 pub fn reserved_names() -> Vec<String> {
     let stage = Rc::new(RefCell::new(Nowhere));
     let surroundings = Surroundings { skills: Vec::new(), stage, cancel: Arc::default() };
-    let engine = engine(Path::new("."), surroundings);
-    let mut names: Vec<String> = known_functions(&engine).into_iter().map(|(name, _)| name).collect();
-    names.push(SCENE.to_owned());
+    let packages = packaged_functions(&bare_engine());
+    let all = packaged_functions(&engine(Path::new("."), surroundings));
+    let mut names: Vec<String> = all.into_iter().filter(|f| !packages.contains(f)).map(|(name, _)| name).collect();
+    names.extend(INNATE.map(|(name, _)| name.to_owned()));
+    names.extend(["sleep".to_owned(), SCENE.to_owned()]);
+    names.sort();
     names.dedup();
     names
 }
 
+/// Rhai's own functions that are in no package.
+const INNATE: [(&str, usize); 8] =
+    [("print", 1), ("debug", 1), ("type_of", 1), ("Fn", 1), ("is_shared", 1), ("is_def_var", 1), ("is_def_fn", 2), ("print", 0)];
+
+fn packaged_functions(engine: &Engine) -> Vec<(String, usize)> {
+    engine.collect_fn_metadata(None, |f| Some((f.metadata.name.to_string(), f.metadata.num_params)), true)
+}
+
 /// Name and number of parameters of all functions that an engine knows, sorted.
 pub fn known_functions(engine: &Engine) -> Vec<(String, usize)> {
-    let mut known = engine.collect_fn_metadata(None, |f| Some((f.metadata.name.to_string(), f.metadata.num_params)), true);
-    // Rhai's own, which are not in any package.
-    for (name, parameters) in
-        [("print", 1), ("debug", 1), ("type_of", 1), ("Fn", 1), ("is_shared", 1), ("is_def_var", 1), ("is_def_fn", 2), ("print", 0)]
-    {
-        known.push((name.to_owned(), parameters));
-    }
+    let mut known = packaged_functions(engine);
+    known.extend(INNATE.map(|(name, parameters)| (name.to_owned(), parameters)));
     known.sort();
     known.dedup();
     known

@@ -1,5 +1,5 @@
-//! Times a step of the arm that grips a microwave's handle, with eight contacts: `cargo run --release -p sagci-dynamics --example
-//! gripping -- <folder with panda.urdf, microwave.urdf, scene.json>`. Compare only with figures from the same machine and run.
+//! Times a step of the arm that grips a microwave's handle, with eight contacts: `cargo bench -p sagci-dynamics
+//! --bench gripping -- <folder with panda.urdf, microwave.urdf, scene.json>`. Compare only with figures from the same machine and run.
 #![allow(non_snake_case)]
 
 use std::hint::black_box;
@@ -14,13 +14,15 @@ fn numbers(value: &serde_json::Value) -> Vec<f64> {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let folder = std::path::PathBuf::from(std::env::args().nth(1).ok_or("name the folder of the scene")?);
+    let Some(folder) = std::env::args().skip(1).find(|a| !a.starts_with("--")).map(std::path::PathBuf::from) else {
+        println!("name the folder of the scene to time the gripping step");
+        return Ok(());
+    };
     let scene: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(folder.join("scene.json"))?)?;
     let (arm, microwave) = (ObjectModel::read_urdf(folder.join("panda.urdf"))?, ObjectModel::read_urdf(folder.join("microwave.urdf"))?);
     let at = numbers(&scene["microwave_xyz"]);
     let parts = [Part::welded(&arm, Isometry3::identity()), Part::welded(&microwave, Isometry3::translation(at[0], at[1], at[2]))];
-    let dissipation = std::env::args().nth(2).map_or(Ok(ContactMaterial::default().dissipation), |x| x.parse())?;
-    let material = ContactMaterial { friction: 1.0, dissipation, ..ContactMaterial::default() };
+    let material = ContactMaterial { friction: 1.0, ..ContactMaterial::default() };
     let mut system = System::new(&parts)?.with_contacts(&parts, ContactOptions { material, ..ContactOptions::default() })?;
     system.set_coriolis(Coriolis::AtStart);
     let (mut ws, mut start) = (system.workspace(), system.state());
@@ -46,9 +48,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     println!("most rounds {most}");
-    for c in ws.contacts(&system) {
-        println!("{} {} {:?} depth {:.2e} force {:?} {}", c.a, c.b, c.p_W.as_slice(), c.depth, (c.impulse_W * 1e3).as_slice(), c.sticks);
-    }
     let (mut fastest, mut rounds) = (f64::INFINITY, 0);
     for _ in 0..60 {
         state.q.copy_from_slice(&start.q);
