@@ -1,23 +1,22 @@
-//! Times optimal control: `cargo bench -p sagci-planning [-- --once]`, the reach of 7 joints over 100 knots that
-//! `tests/peers/side_by_side.py` also gives to Crocoddyl. Times are the thread's on the processor, the least over repetitions. `--once`
-//! solves once, for counting instructions.
+//! Times optimal control: `cargo bench -p sagci-planning`, the reach of 7 joints over 100 knots that `tests/peers/side_by_side.py` also
+//! gives to Crocoddyl. One iteration is the whole solve by the number of trajectories that were taken.
 #![allow(clippy::unwrap_used, missing_docs, non_snake_case)]
 
-use std::hint::black_box;
-use std::path::Path;
-use std::time::Instant;
+#[path = "../../dynamics/benches/common/mod.rs"]
+mod common;
 
+use std::hint::black_box;
+
+use common::Bench;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use sagci_dynamics::{Coriolis, Part, System};
-use sagci_model::ObjectModel;
 use sagci_planning::{Ddp, DdpOptions, ReachCost, ReachWeights};
 
 const KNOTS: usize = 100;
 
 fn main() {
-    let once = std::env::args().any(|a| a == "--once");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/peers/models/panda_arm.urdf");
-    let mut model = ObjectModel::read_urdf(path).unwrap();
+    let bench = Bench::from_arguments();
+    let mut model = common::model("panda_arm");
     // As the peer has it: no friction, no limits of joints.
     for joint in &mut model.joints {
         joint.damping = 0.0;
@@ -37,22 +36,13 @@ fn main() {
     let terminal = ReachWeights { pose: 1e3, state: 1e-1, effort: 0.0 };
     let mut cost = ReachCost::new(&system, "panda_hand", &X_WG, &x0, running, terminal).unwrap();
     let mut ddp = Ddp::new(&system, DdpOptions::new(KNOTS, 0.01)).unwrap();
-    let (mut least, epoch) = (f64::INFINITY, Instant::now());
     let mut summary = None;
-    for _ in 0..if once { 1 } else { 60 } {
-        let start = clock(epoch);
-        summary = Some(black_box(ddp.solve(&system, &mut cost, &x0, &controls, None).unwrap()));
-        least = least.min((clock(epoch) - start) * 1e6);
-    }
+    let mut solve = || summary = Some(black_box(ddp.solve(&system, &mut cost, &x0, &controls, None).unwrap()));
+    let least = bench.row("DDP, 7-dof reach, 100 knots, whole solve", 1, &mut solve);
     let summary = summary.unwrap();
-    println!("{:9.1} us  DDP, 7-dof reach, 100 knots, one iteration", least / summary.iterations as f64);
-    println!("{least:9.1} us  DDP, 7-dof reach, 100 knots, whole solve");
-    println!("# cost {:.8}, {} iterations, {:?}", summary.cost, summary.iterations, summary.end);
-}
-
-/// Seconds that this thread has run, as the scheduler counts them: another process on the machine does not add to them.
-fn clock(epoch: Instant) -> f64 {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let ran = told.and_then(|t| t.split_whitespace().next()?.parse::<f64>().ok());
-    ran.map_or_else(|| epoch.elapsed().as_secs_f64(), |ns| ns * 1e-9)
+    if least.is_finite() {
+        let one = least / summary.iterations as f64;
+        println!("{one:10.3} {one:10.3}  DDP, 7-dof reach, 100 knots, one iteration");
+        println!("# cost {:.8}, {} iterations, {:?}", summary.cost, summary.iterations, summary.end);
+    }
 }
