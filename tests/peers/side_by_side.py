@@ -9,11 +9,11 @@ installed are named and left out. Each figure is the least microseconds a call o
 import argparse
 import importlib.util
 import json
+import os
 import pathlib
 import shutil
 import subprocess
 import sys
-import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -105,11 +105,13 @@ def main():
     if unknown := [p for p in wanted if p not in PEERS]:
         parser.error(f"no peer {', '.join(unknown)}; there are {', '.join(PEERS)}")
     programs = benches()
-    kept = tempfile.mkdtemp()
+    # Pinocchio's program takes minutes to build: it stays with ours.
+    kept = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "peers"
+    kept.mkdir(parents=True, exist_ok=True)
     peers = {}
     for peer in wanted:
         if python := interpreter(peer, options):
-            peers[peer] = [python, str(HERE / f"time_{peer}.py")] + ([kept] if peer == "pinocchio" else [])
+            peers[peer] = [python, str(HERE / f"time_{peer}.py")] + ([str(kept)] if peer == "pinocchio" else [])
         else:
             print(f"# {peer} is not installed: left out")
     ours, theirs = {}, {}

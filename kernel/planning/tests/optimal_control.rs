@@ -325,7 +325,7 @@ fn wrong_lengths_and_numbers_that_are_none_are_told() {
     }
     let mut ddp = Ddp::new(&system, DdpOptions::new(5, 0.1)).unwrap();
     bad(ddp.solve(&system, &mut cost, &x0, &[0.0; 9], None).map(|_| ()), "9 controls");
-    bad(ddp.solve(&system, &mut cost, &x0, &[0.0; 10], Some(&[x0.clone()])).map(|_| ()), "1 states");
+    bad(ddp.solve(&system, &mut cost, &x0, &[0.0; 10], Some(std::slice::from_ref(&x0))).map(|_| ()), "1 states");
     bad(ddp.solve(&system, &mut cost, &x0, &[f64::NAN; 10], None).map(|_| ()), "finite");
     let mut lost = x0.clone();
     lost.v[0] = f64::INFINITY;
