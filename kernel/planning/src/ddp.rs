@@ -35,7 +35,7 @@ use sagci_dynamics::{DynamicsError, Input, Linearisation, State, StepWorkspace, 
 
 use crate::PlanError;
 use box_program::BoxProgram;
-use panel::{Lane, add_rows, dot};
+use panel::{Lane, add_rows, dot, put_column};
 pub use reach::{ReachCost, ReachWeights};
 
 /// Where a trial may end up: a part of the promised decrease.
@@ -187,6 +187,8 @@ pub struct Ddp {
     /// Tangent rows of positions that move along their own velocity, `dq+ = dq + h dv+`, and all others, whose rows of `[B A]` are kept.
     linked: Vec<usize>,
     kept: Vec<usize>,
+    /// One for each linked row, in lanes.
+    links: Vec<Lane>,
     ws: StepWorkspace,
     linearisation: Linearisation,
     /// Where the last step led.
@@ -221,6 +223,8 @@ struct Backward {
     Y: Vec<Lane>,
     Quu: Vec<f64>,
     program: BoxProgram,
+    /// Factors of a sum of rows.
+    c: Vec<f64>,
 }
 
 impl Ddp {
@@ -254,6 +258,10 @@ impl Ddp {
         }
         let (linked, kept): (Vec<usize>, Vec<usize>) = (0..nx).partition(|i| follows[*i]);
         let (wx, wu) = (nx.div_ceil(4), nu.div_ceil(4));
+        let mut links = vec![[0.0; 4]; wx];
+        for i in &linked {
+            links[i / 4][i % 4] = 1.0;
+        }
         let w = wx + wu;
         let lanes = |rows: usize, width: usize| vec![[0.0; 4]; rows * width];
         let trajectory = Trajectory {
@@ -269,6 +277,7 @@ impl Ddp {
             wx,
             wu,
             linked,
+            links,
             kept: kept.clone(),
             ws: system.workspace(),
             linearisation: Linearisation::new(system),
@@ -288,6 +297,7 @@ impl Ddp {
                 Y: lanes(nu, wx),
                 Quu: vec![0.0; nu * nu],
                 program: BoxProgram::new(nu),
+                c: vec![0.0; nx],
             },
             dx: vec![0.0; nx],
             du: vec![0.0; nu],
@@ -562,7 +572,7 @@ impl Ddp {
         let (nx, nu, wx, wu) = (self.nx, self.nu, self.wx, self.wu);
         let (width, rows, dt) = (wx + wu, self.kept.len(), self.options.dt);
         let (linked, kept) = (&self.linked, &self.kept);
-        let Backward { v, V, G, Q, q, Y, Quu, program } = &mut self.backward;
+        let Backward { v, V, G, Q, q, Y, Quu, program, c } = &mut self.backward;
         let last = &self.now.costs[self.options.knots];
         v.copy_from_slice(last.x.as_slice());
         for (row, column) in V.chunks_exact_mut(wx).zip(last.xx.as_slice().chunks_exact(nx)) {
@@ -578,49 +588,49 @@ impl Ddp {
             }
             // In coordinates in which a linked position's row is that of the identity: dq+ - h dv+ = dq.
             for &i in linked {
-                v[nu + i] += dt * v[i];
                 let (above, below) = V.split_at_mut((nu + i) * wx);
-                add_rows(&mut below[..wx], 0, &above[i * wx..(i + 1) * wx], 1, |_| dt);
+                add_rows(&mut below[..wx], 0, &above[i * wx..(i + 1) * wx], &[dt]);
             }
-            for row in V.chunks_exact_mut(wx) {
-                let row = row.as_flattened_mut();
-                for &i in linked {
-                    row[nu + i] += dt * row[i];
+            for x in V.chunks_exact_mut(wx).map(|row| row.as_flattened_mut()).chain([&mut v[..]]) {
+                let (by_q, by_v) = x.split_at_mut(nu);
+                for ((by_v, by_q), link) in by_v.iter_mut().zip(by_q).zip(self.links.as_flattened()) {
+                    *by_v += dt * link * *by_q;
                 }
             }
             for (&i, row) in kept.iter().zip(G.chunks_exact_mut(width)) {
-                let V_i = V[i * wx..(i + 1) * wx].as_flattened();
+                let V_i = &V[i * wx..(i + 1) * wx];
                 row.fill([0.0; 4]);
-                for &j in linked {
-                    row[wu + j / 4][j % 4] = V_i[j];
-                }
-                add_rows(row, 0, F, rows, |r| V_i[kept[r]]);
+                add_linked(&mut row[wu..], V_i, &self.links);
+                gather(&mut c[..rows], V_i.as_flattened(), kept);
+                add_rows(row, 0, F, &c[..rows]);
             }
             put(&mut q[..wu], l.u.as_slice());
             put(&mut q[wu..], l.x.as_slice());
             for &j in linked {
                 q[wu + j / 4][j % 4] += v[j];
             }
-            add_rows(q, 0, F, rows, |r| v[kept[r]]);
+            gather(&mut c[..rows], v, kept);
+            add_rows(q, 0, F, &c[..rows]);
             let (Qu, Qx) = Q.split_at_mut(nu * width);
             for (i, row) in Qu.chunks_exact_mut(width).enumerate() {
                 put(&mut row[..wu], &l.uu.as_slice()[i * nu..(i + 1) * nu]);
                 put(&mut row[wu..], &l.xu.as_slice()[i * nx..(i + 1) * nx]);
-                add_rows(row, 0, G, rows, |r| F[r * width + i / 4][i % 4]);
+                put_column(&mut c[..rows], F, width, i, 1.0);
+                add_rows(row, 0, G, &c[..rows]);
                 Quu[i * nu..(i + 1) * nu].copy_from_slice(&row.as_flattened()[..nu]);
                 Quu[i * nu + i] += mu;
             }
             // The upper triangle by x, in whole lanes.
             for (i, row) in Qx.chunks_exact_mut(width).enumerate() {
                 put(&mut row[wu..], &l.xx.as_slice()[i * nx..(i + 1) * nx]);
-                add_rows(row, wu + i / 4, G, rows, |r| F[r * width + wu + i / 4][i % 4]);
+                put_column(&mut c[..rows], F, width, 4 * wu + i, 1.0);
+                add_rows(row, wu + i / 4, G, &c[..rows]);
             }
             for &i in linked {
-                let (row, V_i) = (&mut Qx[i * width..(i + 1) * width], V[i * wx..(i + 1) * wx].as_flattened());
-                for &j in linked {
-                    row[wu + j / 4][j % 4] += V_i[j];
-                }
-                add_rows(row, wu + i / 4, F, rows, |r| V_i[kept[r]]);
+                let (row, V_i) = (&mut Qx[i * width..(i + 1) * width], &V[i * wx..(i + 1) * wx]);
+                add_linked(&mut row[wu..], V_i, &self.links);
+                gather(&mut c[..rows], V_i.as_flattened(), kept);
+                add_rows(row, wu + i / 4, F, &c[..rows]);
             }
             let Q_u = &q[..wu].as_flattened()[..nu];
             let u = &self.now.controls[k * nu..(k + 1) * nu];
@@ -637,39 +647,44 @@ impl Ddp {
             for (i, &free) in program.free.iter().enumerate() {
                 let (above, row) = Y[..(i + 1) * wx].split_at_mut(i * wx);
                 row.copy_from_slice(&Qu[free * width + wu..(free + 1) * width]);
-                add_rows(row, 0, above, i, |j| -L[i * m + j]);
+                for (c, l) in c.iter_mut().zip(&L[i * m..i * m + i]) {
+                    *c = -l;
+                }
+                add_rows(row, 0, above, &c[..i]);
                 scale(row, 1.0 / L[i * m + i]);
             }
             for (i, row) in V.chunks_exact_mut(wx).enumerate() {
                 row.copy_from_slice(&Qx[i * width + wu..(i + 1) * width]);
-                add_rows(row, i / 4, Y, m, |k| -Y[k * wx + i / 4][i % 4]);
+                put_column(&mut c[..m], Y, wx, i, -1.0);
+                add_rows(row, i / 4, Y, &c[..m]);
             }
             let K = &mut self.feedback[k * nu * wx..(k + 1) * nu * wx];
             K.fill([0.0; 4]);
             for i in (0..m).rev() {
                 let (above, below) = Y[..m * wx].split_at_mut((i + 1) * wx);
                 let row = &mut above[i * wx..];
-                add_rows(row, 0, below, m - i - 1, |j| -L[(i + 1 + j) * m + i]);
+                for (c, j) in c.iter_mut().zip(i + 1..m) {
+                    *c = -L[j * m + i];
+                }
+                add_rows(row, 0, below, &c[..m - i - 1]);
                 scale(row, 1.0 / L[i * m + i]);
                 let free = program.free[i];
                 for (to, from) in K[free * wx..(free + 1) * wx].as_flattened_mut().iter_mut().zip(row.as_flattened()) {
                     *to = -from;
                 }
             }
-            add_rows(q, wu, Qu, nu, |i| program.x[i]);
+            add_rows(q, wu, Qu, &program.x);
             v.copy_from_slice(&q[wu..].as_flattened()[..nx]);
             if mu > 0.0 {
                 for (i, (v, row)) in v.iter_mut().zip(V.chunks_exact_mut(wx)).enumerate() {
-                    let by_i = |k: usize| K[k * wx + i / 4][i % 4];
-                    add_rows(row, i / 4, K, nu, |k| -mu * by_i(k));
-                    *v -= mu * (0..nu).map(|k| by_i(k) * program.x[k]).sum::<f64>();
+                    put_column(&mut c[..nu], K, wx, i, -mu);
+                    add_rows(row, i / 4, K, &c[..nu]);
+                    *v += product(&c[..nu], &program.x);
                 }
             }
             for i in 1..nx {
                 let (above, row) = V.split_at_mut(i * wx);
-                for (j, to) in row.as_flattened_mut()[..i].iter_mut().enumerate() {
-                    *to = above[j * wx + i / 4][i % 4];
-                }
+                put_column(row.as_flattened_mut(), above, wx, i, 1.0);
             }
         }
         true
@@ -716,6 +731,19 @@ fn add(system: &System, state: &mut State, dx: &[f64], factor: f64) {
 fn put(row: &mut [Lane], from: &[f64]) {
     for (to, from) in row.as_flattened_mut().iter_mut().zip(from) {
         *to = *from;
+    }
+}
+
+fn gather(to: &mut [f64], from: &[f64], at: &[usize]) {
+    for (to, at) in to.iter_mut().zip(at) {
+        *to = from[*at];
+    }
+}
+
+/// Adds those entries of a row that stand for linked positions.
+fn add_linked(to: &mut [Lane], row: &[Lane], links: &[Lane]) {
+    for ((to, x), link) in to.as_flattened_mut().iter_mut().zip(row.as_flattened()).zip(links.as_flattened()) {
+        *to += x * link;
     }
 }
 
