@@ -1,80 +1,69 @@
-//! Times a step of the arm that grips a microwave's handle, with eight contacts: `cargo bench -p sagci-dynamics
-//! --bench gripping -- <folder with panda.urdf, microwave.urdf, scene.json>`. Compare only with figures from the same machine and run.
-#![allow(non_snake_case)]
+//! Times a step of the arm that grips a microwave's handle, with eight contacts, and its derivatives: `cargo bench -p sagci-dynamics
+//! --bench gripping`. The steps are those from the 100th on, when the grip has settled. See `common` for the options.
+#![allow(clippy::unwrap_used, missing_docs, non_snake_case)]
+
+mod common;
 
 use std::hint::black_box;
-use std::time::Instant;
 
+use common::{Bench, Scene};
 use nalgebra::Isometry3;
-use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, Input, Linearisation, Part, System};
-use sagci_model::ObjectModel;
+use sagci_dynamics::rollout::{Inputs, Rollout, RolloutOptions};
+use sagci_dynamics::{ContactMaterial, ContactOptions, Coriolis, Input, Linearisation, Part, System, Wanted};
 
-fn numbers(value: &serde_json::Value) -> Vec<f64> {
-    value.as_array().map(|a| a.iter().filter_map(serde_json::Value::as_f64).collect()).unwrap_or_default()
-}
+const STEPS: usize = 100;
+const DT: f64 = 1e-3;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let Some(folder) = std::env::args().skip(1).find(|a| !a.starts_with("--")).map(std::path::PathBuf::from) else {
-        println!("name the folder of the scene to time the gripping step");
-        return Ok(());
-    };
-    let scene: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(folder.join("scene.json"))?)?;
-    let (arm, microwave) = (ObjectModel::read_urdf(folder.join("panda.urdf"))?, ObjectModel::read_urdf(folder.join("microwave.urdf"))?);
-    let at = numbers(&scene["microwave_xyz"]);
-    let parts = [Part::welded(&arm, Isometry3::identity()), Part::welded(&microwave, Isometry3::translation(at[0], at[1], at[2]))];
+fn main() {
+    let (bench, scene) = (Bench::from_arguments(), Scene::read());
+    let (arm, oven) = (common::model("panda"), common::model("microwave"));
+    let at = scene.numbers(&["microwave_xyz"]);
+    let parts = [Part::welded(&arm, Isometry3::identity()), Part::welded(&oven, Isometry3::translation(at[0], at[1], at[2]))];
     let material = ContactMaterial { friction: 1.0, ..ContactMaterial::default() };
-    let mut system = System::new(&parts)?.with_contacts(&parts, ContactOptions { material, ..ContactOptions::default() })?;
+    let options = ContactOptions { material, ..ContactOptions::default() };
+    let mut system = System::new(&parts).unwrap().with_contacts(&parts, options).unwrap();
     system.set_coriolis(Coriolis::AtStart);
     let (mut ws, mut start) = (system.workspace(), system.state());
-    start.q[..9].copy_from_slice(&numbers(&scene["contact"]["q"]));
-    let mut tau = numbers(&scene["contact"]["tau"]);
+    start.q[..9].copy_from_slice(&scene.numbers(&["contact", "q"]));
+    let mut tau = scene.numbers(&["contact", "tau"]);
     tau.push(0.0);
+    let input = Input { tau: &tau, external: &[] };
+    for _ in 0..STEPS {
+        system.step(&mut ws, &mut start, &input, DT).unwrap();
+    }
     let mut state = start.clone();
-    let mut most = 0;
-    for step in 1..=300 {
-        system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 1e-3)?;
-        most = most.max(ws.rounds());
-        if [1, 10, 50, 100, 300].contains(&step) {
-            let handle = state.q[9] * 0.44;
-            println!(
-                "after {step} steps: handle moved {:.3} mm, {} contacts, {} rounds",
-                handle * 1e3,
-                ws.contacts(&system).count(),
-                ws.rounds()
-            );
-        }
-        if step == 100 {
-            start = state.clone();
-        }
-    }
-    println!("most rounds {most}");
-    let (mut fastest, mut rounds) = (f64::INFINITY, 0);
-    for _ in 0..60 {
-        state.q.copy_from_slice(&start.q);
-        state.v.copy_from_slice(&start.v);
-        let clock = Instant::now();
-        for _ in 0..100 {
-            black_box(system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 1e-3)?);
-        }
-        fastest = fastest.min(clock.elapsed().as_secs_f64() / 100.0);
-    }
-    state.clone_from(&start);
-    for _ in 0..100 {
-        system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, 1e-3)?;
-        rounds += ws.rounds();
-    }
-    println!("{} rounds a step", rounds as f64 / 100.0);
-    let (mut next, mut x, mut least) = (start.clone(), Linearisation::new(&system), f64::INFINITY);
-    for _ in 0..40 {
+    bench.row("gripping step, 8 contacts", STEPS, || {
         state.clone_from(&start);
-        let clock = Instant::now();
-        for _ in 0..100 {
-            system.linearise(&mut ws, &state, &Input { tau: &tau, external: &[] }, 1e-3, &mut next, &mut x)?;
+        for _ in 0..STEPS {
+            system.step(&mut ws, black_box(&mut state), &input, DT).unwrap();
+        }
+    });
+    let (mut next, mut x) = (start.clone(), Linearisation::new(&system));
+    bench.row("gripping step + A, B", STEPS, || {
+        state.clone_from(&start);
+        for _ in 0..STEPS {
+            system.linearise(&mut ws, black_box(&state), &input, DT, &mut next, &mut x).unwrap();
             std::mem::swap(&mut state, &mut next);
         }
-        least = least.min(clock.elapsed().as_secs_f64() / 100.0);
-    }
-    println!("{:6.2} us  gripping step + A, B", least * 1e6);
-    println!("{:6.2} us  gripping step", fastest * 1e6);
-    Ok(())
+    });
+    // One cotangent taken back through each step, to every parameter there is, beside A and B.
+    let inputs = Inputs { tau: &tau, ..Inputs::default() };
+    let options = RolloutOptions { wanted: Wanted::ALL, ..RolloutOptions::new(STEPS, DT) };
+    let mut rollout = Rollout::new(&system, options).unwrap();
+    rollout.forward(&system, &start, &inputs, |_, _| {}).unwrap();
+    bench.row("the same + every parameter", STEPS, || {
+        state.clone_from(&start);
+        for _ in 0..STEPS {
+            system.linearise(&mut ws, black_box(&state), &input, DT, &mut next, &mut x).unwrap();
+            std::mem::swap(&mut state, &mut next);
+        }
+        rollout
+            .backward(&system, &inputs, |k, _, bar| {
+                if k == STEPS {
+                    bar.v.fill(1.0)
+                }
+            })
+            .unwrap();
+        black_box(rollout.gradient());
+    });
 }

@@ -1,18 +1,17 @@
-//! Times a call of each algorithm: `cargo bench -p sagci-dynamics [-- URDF]`, on the arm that ships unless a URDF is given.
-//! Every call has another state. Times are the thread's time on the processor (wall time where the system does not tell), the
-//! median and the least over repetitions. Compare only with figures from the same machine and run.
-#![allow(clippy::unwrap_used, clippy::panic, missing_docs, non_snake_case)]
+//! Times a call of each algorithm on the arm of the comparison with peers: `cargo bench -p sagci-dynamics --bench speed`. Every call
+//! has another state. See `common` for the options.
+#![allow(clippy::unwrap_used, missing_docs, non_snake_case)]
+
+mod common;
 
 use std::hint::black_box;
-use std::path::Path;
-use std::time::Instant;
 
+use common::Bench;
 use nalgebra::{DMatrix, Isometry3};
 use rand::{RngExt, SeedableRng};
 use sagci_dynamics::{
     Adjoint, Coriolis, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation, Multibody, Part, State, System,
 };
-use sagci_model::ObjectModel;
 
 const STATES: usize = 256;
 const DT: f64 = 1e-3;
@@ -23,31 +22,18 @@ struct Sample {
 }
 
 fn main() {
-    let mut given = std::env::args().skip(1).filter(|a| !a.starts_with("--"));
-    let mut model = match given.next() {
-        Some(urdf) => ObjectModel::read_urdf(urdf).unwrap(),
-        None => {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models/panda");
-            let head = std::fs::read_to_string(folder.join("HEAD")).unwrap();
-            ObjectModel::read(folder.join(head.trim())).unwrap()
-        }
-    };
-    let only = given.next().unwrap_or_default();
-    // The peers' rows have no dry friction, and are away from limits.
+    let (bench, mut model) = (Bench::from_arguments(), common::model("panda"));
+    // The states of the rows are away from limits, but not all within them.
     for joint in &mut model.joints {
-        joint.friction = 0.0;
         (joint.limits.lower, joint.limits.upper) = (f64::NEG_INFINITY, f64::INFINITY);
     }
     let mut system = System::new(&[Part::welded(&model, Isometry3::identity())]).unwrap();
     let multibody = system.multibody().clone();
     let samples = samples(&system);
-    let (n, mut rigid, mut ws) = (multibody.nv(), multibody.workspace(), system.workspace());
-    println!("{} on {n} degrees of freedom: microseconds a call, median and least", model.name);
+    let (n, mut rigid) = (multibody.nv(), multibody.workspace());
     let mut x = vec![0.0; n];
     let run = |name: &str, call: &mut dyn FnMut(&Sample)| {
-        if name.contains(&only) {
-            time(name, &samples, call);
-        }
+        bench.row(name, STATES, || samples.iter().for_each(|sample| call(black_box(sample))));
     };
     let set = |rigid: &mut _, s: &Sample, multibody: &Multibody| multibody.set_state(rigid, &s.state.q, &s.state.v).unwrap();
     run("state", &mut |s| set(&mut rigid, s, &multibody));
@@ -64,7 +50,7 @@ fn main() {
         multibody.forward_dynamics(&mut rigid, &s.tau, &[], &mut x).unwrap();
     });
     let mut forward = ForwardDynamicsDerivatives::new(&multibody);
-    run("forward dynamics' derivatives by q, v, tau", &mut |s| {
+    run("its derivatives by q, v, tau", &mut |s| {
         set(&mut rigid, s, &multibody);
         multibody.forward_dynamics_derivatives(&mut rigid, &s.tau, &[], &mut x, &mut forward).unwrap();
     });
@@ -87,17 +73,17 @@ fn main() {
             multibody.inverse_dynamics_adjoint(&mut rigid, &s.state.v, &s.tau, &[], parameters, &mut adjoint).unwrap();
         });
     }
-    for (scheme, name) in [(Coriolis::AtStart, ""), (Coriolis::AtMidpoint, ", Coriolis half way")] {
+    for (scheme, half) in [(Coriolis::AtStart, ""), (Coriolis::AtMidpoint, ", Coriolis half way")] {
         system.set_coriolis(scheme);
-        let (mut state, mut linearisation) = (system.state(), Linearisation::new(&system));
-        run(&format!("free step{name}"), &mut |s| {
+        let (mut ws, mut state) = (system.workspace(), system.state());
+        run(&format!("free step{half}"), &mut |s| {
             state.q.copy_from_slice(&s.state.q);
             state.v.copy_from_slice(&s.state.v);
             system.step(&mut ws, &mut state, &Input { tau: &s.tau, external: &[] }, DT).unwrap();
         });
-        run(&format!("free step + A, B{name}"), &mut |s| {
-            let input = Input { tau: &s.tau, external: &[] };
-            system.linearise(&mut ws, &s.state, &input, DT, &mut state, &mut linearisation).unwrap();
+        let mut x = Linearisation::new(&system);
+        run(&format!("free step + A, B{half}"), &mut |s| {
+            system.linearise(&mut ws, &s.state, &Input { tau: &s.tau, external: &[] }, DT, &mut state, &mut x).unwrap();
         });
     }
 }
@@ -114,28 +100,4 @@ fn samples(system: &System) -> Vec<Sample> {
             Sample { state, tau: (0..multibody.nv()).map(|_| rng.random_range(-5.0..5.0)).collect() }
         })
         .collect()
-}
-
-fn time(name: &str, samples: &[Sample], call: &mut dyn FnMut(&Sample)) {
-    let (rounds, epoch) = (100, Instant::now());
-    let mut times: Vec<f64> = (0..21)
-        .map(|_| {
-            let start = clock(epoch);
-            for _ in 0..rounds {
-                for sample in samples {
-                    call(black_box(sample));
-                }
-            }
-            (clock(epoch) - start) / (rounds * samples.len()) as f64 * 1e6
-        })
-        .collect();
-    times.sort_by(f64::total_cmp);
-    println!("{:8.3} {:8.3}  {name}", times[times.len() / 2], times[0]);
-}
-
-/// Seconds that this thread has run, as the scheduler counts them: another process on the machine does not add to them.
-fn clock(epoch: Instant) -> f64 {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let ran = told.and_then(|t| t.split_whitespace().next()?.parse::<f64>().ok());
-    ran.map_or_else(|| epoch.elapsed().as_secs_f64(), |ns| ns * 1e-9)
 }

@@ -430,3 +430,22 @@ fn efforts_are_the_torque_regressor_times_the_inertias() {
         agree("efforts", (Y * pi).as_slice(), &tau, 1e-12);
     }
 }
+
+#[test]
+fn gravity_changes_with_position_as_inverse_dynamics_at_rest() {
+    let rng = &mut random(21);
+    for followers in [false, true] {
+        let scene = scene(followers, rng);
+        let (mb, n) = (&scene.multibody, scene.multibody.nv());
+        let mut ws = mb.workspace();
+        mb.set_positions(&mut ws, &scene.q).unwrap();
+        let (mut tau, mut held, mut d_q) = (vec![0.0; n], vec![0.0; n], DMatrix::zeros(n, n));
+        mb.gravity_efforts_derivatives(&mut ws, &mut tau, &mut d_q).unwrap();
+        mb.gravity_efforts(&mut ws, &mut held).unwrap();
+        agree("efforts", &tau, &held, 1e-13);
+        let mut whole = InverseDynamicsDerivatives::new(mb);
+        mb.inverse_dynamics_derivatives(&mut ws, &vec![0.0; n], &[], &mut whole).unwrap();
+        agree("derivative", d_q.as_slice(), whole.d_q.as_slice(), 1e-13);
+        assert!(mb.gravity_efforts_derivatives(&mut ws, &mut tau[1..], &mut d_q).is_err());
+    }
+}

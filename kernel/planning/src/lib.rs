@@ -9,6 +9,7 @@
 mod articulation;
 mod collision;
 mod convert;
+mod ddp;
 mod error;
 mod free_motion;
 mod grasp;
@@ -23,6 +24,7 @@ mod transfer;
 
 pub use articulation::{ArticulationPlan, ArticulationRequest, joint_dynamics, plan_articulation};
 pub use collision::{CollisionWorld, Contact, LinkSet};
+pub use ddp::{Cost, Ddp, DdpEnd, DdpOptions, DdpSummary, Knot, Quadratic, ReachCost, ReachWeights};
 pub use error::PlanError;
 pub use free_motion::{FreeMotionOptions, FreePath, free_motion, tool_stray};
 pub use grasp::{Grasp, GraspOptions, grasps};

@@ -3,6 +3,7 @@
 pub(crate) mod adjoint;
 pub(crate) mod derivatives;
 mod forward_dynamics;
+mod gravity;
 mod inverse_dynamics;
 mod jacobian;
 mod kinematics;
