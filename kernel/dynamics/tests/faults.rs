@@ -1,10 +1,11 @@
 //! Wrong input gives an error that says what and where, and never a number that is none.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, non_snake_case)]
 
 mod common;
 
 use common::{WIDE, joint, link, model, panda, slide, welded};
-use sagci_dynamics::{DynamicsError, ExternalWrench, Input, Multibody, Part, System};
+use nalgebra::Isometry3;
+use sagci_dynamics::{Base, DynamicsError, ExternalWrench, Input, Multibody, Part, System};
 
 #[test]
 fn numbers_that_are_none_are_refused_and_the_state_is_kept() {
@@ -115,4 +116,18 @@ fn limits_that_cross_are_refused() {
     let mut model = slide(1.0, WIDE);
     (model.joints[0].limits.lower, model.joints[0].limits.upper) = (0.5, -0.5);
     assert!(matches!(System::new(&[welded(&model)]), Err(DynamicsError::Build { place, .. }) if place == "slide"));
+}
+
+#[test]
+fn a_base_that_another_part_holds_cannot_give_way() {
+    let (arm, mut tool) = (panda(), slide(1.0, WIDE));
+    tool.document.effects.push(sagci_model::EffectEntry {
+        effect: "unmodelled_mode".into(),
+        parameters: [("frequency", 6.0), ("damping_ratio", 0.1), ("mass", 12.0)].map(|(n, v)| (n.into(), v)).into(),
+        ..sagci_model::EffectEntry::default()
+    });
+    let base = Base::Held { part: 0, link: "panda_hand".into(), X_LO: Isometry3::identity() };
+    let held = System::new(&[welded(&arm), Part { base, name: "tool".into(), model: &tool }]);
+    assert!(held.unwrap_err().to_string().contains("held by another part"));
+    assert!(System::new(&[welded(&tool)]).is_ok());
 }
