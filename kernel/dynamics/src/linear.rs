@@ -226,83 +226,70 @@ pub(crate) fn tree_solve(L: &[Lane], x: &mut [f64]) {
 
 /// Solves `L^T D L X = B` in place for many right-hand sides side by side: `across` lanes a row of `B`.
 pub(crate) fn tree_solve_rows(L: &[Lane], n: usize, B: &mut [Lane], across: usize) {
-    let width = 4 * n.div_ceil(4);
-    let L = L.as_flattened();
+    // Rows of fixed length stay in registers.
+    match across {
+        1 => solve_rows(L, n, B.as_chunks_mut::<1>().0),
+        2 => solve_rows(L, n, B.as_chunks_mut::<2>().0),
+        3 => solve_rows(L, n, B.as_chunks_mut::<3>().0),
+        4 => solve_rows(L, n, B.as_chunks_mut::<4>().0),
+        5 => solve_rows(L, n, B.as_chunks_mut::<5>().0),
+        6 => solve_rows(L, n, B.as_chunks_mut::<6>().0),
+        7 => solve_rows(L, n, B.as_chunks_mut::<7>().0),
+        _ => solve_long_rows(L, n, B, across),
+    }
+}
+
+fn solve_rows<const W: usize>(L: &[Lane], n: usize, B: &mut [[Lane; W]]) {
+    let (stride, L) = (4 * n.div_ceil(4), L.as_flattened());
+    for k in (0..n).rev() {
+        let (row, below) = B[k..n].split_at_mut(1);
+        let mut sum = row[0];
+        let factors = L.get((k + 1) * stride + k..).unwrap_or(&[]).iter().step_by(stride.max(1));
+        for (factor, other) in factors.zip(below) {
+            add_scaled_row(&mut sum, -factor, other);
+        }
+        row[0] = sum;
+    }
+    for k in 0..n {
+        let (above, row) = B.split_at_mut(k);
+        let factors = &L[k * stride..k * stride + k + 1];
+        let mut sum = [[0.0; 4]; W];
+        add_scaled_row(&mut sum, factors[k], &row[0]);
+        for (factor, other) in factors.iter().zip(above) {
+            add_scaled_row(&mut sum, -factor, other);
+        }
+        row[0] = sum;
+    }
+}
+
+#[inline(always)]
+fn add_scaled_row<const W: usize>(to: &mut [Lane; W], a: f64, x: &[Lane; W]) {
+    for (to, x) in to.iter_mut().zip(x) {
+        add_scaled(to, a, x);
+    }
+}
+
+fn solve_long_rows(L: &[Lane], n: usize, B: &mut [Lane], across: usize) {
+    let (stride, L) = (4 * n.div_ceil(4), L.as_flattened());
+    let subtract = |row: &mut [Lane], factor: f64, other: &[Lane]| {
+        for (to, x) in row.iter_mut().zip(other) {
+            let mut lane = *to;
+            add_scaled(&mut lane, -factor, x);
+            *to = lane;
+        }
+    };
     for k in (0..n).rev() {
         let (row, below) = B[k * across..n * across].split_at_mut(across);
-        subtract_rows(row, below, L[k..].iter().skip((k + 1) * width).step_by(width), None);
+        for (i, other) in below.chunks_exact(across.max(1)).enumerate() {
+            subtract(row, L[(k + 1 + i) * stride + k], other);
+        }
     }
     for k in 0..n {
         let (above, row) = B[..(k + 1) * across].split_at_mut(k * across);
-        let factors = &L[k * width..k * width + k + 1];
-        subtract_rows(row, above, factors[..k].iter(), Some(factors[k]));
-    }
-}
-
-/// `row = scale row - sum_i factor_i rows_i`, without the scale where there is none.
-#[inline(always)]
-fn subtract_rows<'a>(row: &mut [Lane], rows: &[Lane], factors: impl Iterator<Item = &'a f64> + Clone, scale: Option<f64>) {
-    let across = row.len();
-    let (whole, rest) = row.as_chunks_mut::<4>();
-    for (panel, to) in whole.iter_mut().enumerate() {
-        subtract_panel(to, rows.get(4 * panel..).unwrap_or(&[]), across, factors.clone(), scale);
-    }
-    let rows = rows.get(across - rest.len()..).unwrap_or(&[]);
-    if let Some(to) = rest.first_chunk_mut::<3>() {
-        subtract_panel(to, rows, across, factors, scale);
-    } else if let Some(to) = rest.first_chunk_mut::<2>() {
-        subtract_panel(to, rows, across, factors, scale);
-    } else if let Some(to) = rest.first_chunk_mut::<1>() {
-        subtract_panel(to, rows, across, factors, scale);
-    }
-}
-
-/// The same for some of the columns, which stay in registers.
-#[inline(always)]
-fn subtract_panel<'a, const P: usize>(
-    to: &mut [Lane; P],
-    rows: &[Lane],
-    across: usize,
-    factors: impl Iterator<Item = &'a f64>,
-    scale: Option<f64>,
-) {
-    let mut sum = *to;
-    if let Some(scale) = scale {
-        sum.as_flattened_mut().iter_mut().for_each(|x| *x *= scale);
-    }
-    for (factor, other) in factors.zip(rows.chunks(across)) {
-        let Some(other) = other.first_chunk::<P>() else { break };
-        for (sum, other) in sum.iter_mut().zip(other) {
-            add_scaled(sum, -factor, other);
-        }
-    }
-    *to = sum;
-}
-
-/// Writes the inverse of `L^T D L`, with the factor from [`tree_factor`]; `n.div_ceil(4)` lanes a row. `Y` is scratch of the same
-/// size.
-pub(crate) fn tree_inverse(L: &[Lane], n: usize, Y: &mut [Lane], inverse: &mut [Lane]) {
-    let (width, stride, L) = (n.div_ceil(4), 4 * n.div_ceil(4), L.as_flattened());
-    // Y = L^-T: its row `k` is e_k less the factors of column `k` of L times the rows below it.
-    for k in (0..n).rev() {
-        let (row, below) = Y[k * width..].split_at_mut(width);
-        for (block, to) in row.iter_mut().enumerate() {
-            let mut sum = [0.0; 4];
-            for (i, Y_i) in below.chunks_exact(width).enumerate().take(n - k - 1) {
-                add_scaled(&mut sum, -L[(k + 1 + i) * stride + k], &Y_i[block]);
-            }
-            *to = sum;
-        }
-        row[k / 4][k % 4] += 1.0;
-    }
-    // The inverse is Y^T D^-1 Y; row `k` of Y is zero before `k`.
-    for (i, row) in inverse.chunks_exact_mut(width).enumerate() {
-        for (block, to) in row.iter_mut().enumerate() {
-            let mut sum = [0.0; 4];
-            for (k, Y_k) in Y.chunks_exact(width).enumerate().take(i + 1) {
-                add_scaled(&mut sum, Y_k[i / 4][i % 4] * L[k * stride + k], &Y_k[block]);
-            }
-            *to = sum;
+        let factors = &L[k * stride..k * stride + k + 1];
+        row.as_flattened_mut().iter_mut().for_each(|x| *x *= factors[k]);
+        for (factor, other) in factors.iter().zip(above.chunks_exact(across.max(1))) {
+            subtract(row, *factor, other);
         }
     }
 }
@@ -314,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_branched_matrix_is_factored_solved_and_inverted() {
+    fn a_branched_matrix_is_factored_and_solved_for_one_side_and_many() {
         // Two branches of two rows each, on a trunk of two; and a root of its own.
         let before = [0, 1, 2, 3, 2, 5, 0];
         let n = before.len();
@@ -329,14 +316,15 @@ mod tests {
             }
         }
         let lanes = || vec![[0.0; 4]; 2 * n];
-        let (mut L, mut Y, mut inverse, mut units) = (lanes(), lanes(), lanes(), lanes());
+        let (mut L, mut units, mut long) = (lanes(), lanes(), lanes());
         into_lanes(&full, n, &mut L);
         tree_factor(&mut L, &before).unwrap();
-        tree_inverse(&L, n, &mut Y, &mut inverse);
         for k in 0..n {
             units[2 * k + k / 4][k % 4] = 1.0;
         }
+        long.copy_from_slice(&units);
         tree_solve_rows(&L, n, &mut units, 2);
+        solve_long_rows(&L, n, &mut long, 2);
         for k in 0..n {
             let mut x = vec![0.0; n];
             x[k] = 1.0;
@@ -344,8 +332,16 @@ mod tests {
             for i in 0..n {
                 let unit: f64 = (0..n).map(|j| full[i * n + j] * x[j]).sum();
                 assert!((unit - if i == k { 1.0 } else { 0.0 }).abs() < 1e-13);
-                assert!((inverse[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
                 assert!((units[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
+                assert!((long[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
+            }
+        }
+        let mut long = lanes();
+        into_lanes(&full, n, &mut long);
+        factor_long_rows(&mut long, &before, 2).unwrap();
+        for i in 0..n {
+            for k in 0..i + 1 {
+                assert_eq!(long[2 * i + k / 4][k % 4], L[2 * i + k / 4][k % 4]);
             }
         }
         full[3 * n + 3] = -1.0;

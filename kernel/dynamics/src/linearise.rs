@@ -23,7 +23,7 @@ use nalgebra::{DMatrix, Matrix6, Vector3, Vector6};
 use crate::complementarity::Held;
 use crate::effects::{Acts, Advance, HISTORY, Partial, Transfer};
 use crate::joint::Motion;
-use crate::linear::{before_among, eliminate, tree_factor, tree_solve_rows};
+use crate::linear::{before_among, eliminate, into_lanes, tree_factor, tree_solve_rows};
 use crate::multibody::length;
 use crate::placed::Taken;
 use crate::residual::ResidualCotangents;
@@ -476,12 +476,18 @@ impl System {
             }
         }
         let m = x.free.len();
-        for (i, &k) in x.free.iter().enumerate() {
-            for (to, &j) in x.factor.as_flattened_mut()[4 * i * m.div_ceil(4)..].iter_mut().zip(&x.free) {
-                *to = x.H[k * n + j];
-            }
-            for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
-                *to = -from;
+        if m == n {
+            into_lanes(&x.H, n, &mut x.factor);
+            std::mem::swap(&mut x.packed, &mut x.change);
+            x.packed.iter_mut().for_each(|x| *x = -*x);
+        } else {
+            for (i, &k) in x.free.iter().enumerate() {
+                for (to, &j) in x.factor.as_flattened_mut()[4 * i * m.div_ceil(4)..].iter_mut().zip(&x.free) {
+                    *to = x.H[k * n + j];
+                }
+                for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
+                    *to = -from;
+                }
             }
         }
         if tree_factor(&mut x.factor, &x.before).is_ok() {
@@ -500,8 +506,12 @@ impl System {
                 return Err(DynamicsError::NoConvergence { what, residual: f64::INFINITY, iterations: 0 });
             }
         }
-        for (i, &k) in x.free.iter().enumerate() {
-            x.change[at.row(k)].copy_from_slice(&x.packed[at.row(i)]);
+        if m == n {
+            std::mem::swap(&mut x.packed, &mut x.change);
+        } else {
+            for (i, &k) in x.free.iter().enumerate() {
+                x.change[at.row(k)].copy_from_slice(&x.packed[at.row(i)]);
+            }
         }
         Ok(())
     }
