@@ -141,6 +141,24 @@ fn a_stack_of_boxes_stays_at_rest() {
 }
 
 #[test]
+fn a_step_with_contact_depends_on_nothing_but_its_state() {
+    let (low, high) = (cube("low", 1.0, [0.2, 0.2, 0.1]), ball("high", 0.3, 0.05));
+    let mut system = scene(&[&low, &high], options(0.5));
+    ground(&mut system, Vector3::z(), 0.5);
+    let (mut used, mut state) = (system.workspace(), system.state());
+    place(&mut state, 0, Vector3::new(0.0, 0.0, 0.0499), UnitQuaternion::identity());
+    place(&mut state, 1, Vector3::new(0.01, 0.0, 0.16), UnitQuaternion::identity());
+    // Slides, is fallen upon, and comes to rest.
+    state.v[3] = 0.4;
+    for k in 0..400 {
+        let mut fresh = state.clone();
+        system.step(&mut system.workspace(), &mut fresh, &Input::default(), 1e-3).unwrap();
+        run(&system, &mut used, &mut state, 1e-3, 1);
+        assert_eq!(fresh, state, "step {k}");
+    }
+}
+
+#[test]
 fn bodies_that_collide_keep_their_momentum() {
     let (a, b) = (cube("a", 1.0, [0.1, 0.2, 0.15]), cube("b", 0.4, [0.2, 0.1, 0.1]));
     let mut system = scene(&[&a, &b], options(0.5));

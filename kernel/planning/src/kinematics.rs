@@ -22,7 +22,7 @@ pub(crate) struct Segment {
 
 /// A motion that a task leaves free: the tool's goal frame `F` may be turned or shifted before the tool is placed on it.
 ///
-/// X_WT = X_WF * exp([axis] s) * X_FT with s in `range`.
+/// X_WT = X_WF * exp(s axis) * X_FT with s in `range`.
 #[derive(Debug, Clone)]
 pub struct Freedom {
     /// The frame that the goals are given for, in the tool's.

@@ -30,7 +30,7 @@ use crate::multibody::length;
 use crate::spatial::{angular, join, linear};
 use crate::{DynamicsError, ExternalWrench, LinkId, Multibody, SpatialVector, Workspace, cross_force, cross_motion};
 
-/// Gradient of a scalar by the parameters of the rigid bodies. Sums over many sweeps until [`Self::clear`].
+/// Gradient of a scalar by the parameters of the rigid bodies. Sums over many sweeps until [`Adjoint::clear`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigidGradient {
     /// By each link's own inertia in its own frame, in the order of [`crate::SpatialInertia::entries`]; by [`LinkId`].

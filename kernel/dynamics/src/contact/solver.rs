@@ -4,10 +4,11 @@
 //! `H = A + sum J^T G J` and the exact terms of single coordinates; [`Problem::solve`] solves it.
 //!
 //! Stiction is so stiff that an iterate just off it says nothing about it. So the first rounds guess: a contact sticks if its bodies
-//! were held at the end of the last step (the turning of axes since is taken off their velocity), slides if a solution says so, sticks if a solution turns its sliding round. One round settles most
-//! steps. If guesses do not settle, Newton's method with an exact line search does, which always goes down (Castro et al. 2022, section
-//! V); and if that is slow, it does so along falling stiffness of stiction. What guesses and searches end in is the same: the one
-//! minimum of the convex problem.
+//! were held at the end of the last step (the turning of axes since is taken off their velocity), slides if a solution says so,
+//! sticks if a solution turns its sliding round. All of that follows from the state, so that a step depends on nothing else. One round
+//! settles most steps. If guesses do not settle, Newton's method with an exact line search does, which always goes down (Castro et al.
+//! 2022, section V); and if that is slow, it does so along falling stiffness of stiction. What guesses and searches end in is the same:
+//! the one minimum of the convex problem.
 //!
 //! Once a round's models are nearly right, the last part goes with the same factor (chord steps), to full precision.
 
