@@ -7,11 +7,15 @@
 //! `(s (side v - start))+^2 / (2 s)`. Its optimality conditions are the step's equations of motion with Coulomb's law and the
 //! complementarity of limits, so it has one solution and that is the step (Anitescu 2006; Castro et al. 2022).
 //!
-//! Sweeps over single coordinates, each solved exactly, always go down; they find out which coordinates stick or stand at a
-//! wall. With those held, the rest is a linear system. Its solution is taken where every coordinate confirms it.
+//! Once it is known which coordinates stick or stand at a wall, which way the others slide, and which stops push, the rest is a linear
+//! system, and where its solution stays on those pieces it is the problem's. The first guess is that of the starting point: a step
+//! seldom changes them. Where that is wrong, sweeps over single coordinates, each solved exactly, always go down; they find out.
+//!
+//! `A` has the zeros of the tree's branches, and its factor keeps them, unless something couples the branches.
 
 use crate::DynamicsError;
-use crate::linear::{cholesky, cholesky_solve};
+use crate::linear::{before_among, into_lanes, tree_factor, tree_solve};
+use crate::workspace::Lane;
 
 const WHAT: &str = "the step's friction and limits";
 
@@ -68,9 +72,14 @@ pub(crate) struct Problem {
     /// Where the search starts, then the solution.
     pub v: Vec<f64>,
     pub held: Vec<Held>,
-    /// Cholesky factor of the free coordinates' system, `free.len()` square: what the step's derivatives need again.
-    pub factor: Vec<f64>,
+    /// [`tree_factor`] of the free coordinates' system, `free.len()` square: what the step's derivatives need again.
+    pub factor: Vec<Lane>,
     pub free: Vec<usize>,
+    /// By coordinate: the one that it stands on, plus one, as [`tree_factor`] asks; not looked at where any two may be coupled.
+    pub before: Vec<usize>,
+    pub coupled: bool,
+    /// The same for the free coordinates alone.
+    free_before: Vec<usize>,
     /// `A v - b`.
     g: Vec<f64>,
     rhs: Vec<f64>,
@@ -90,8 +99,11 @@ impl Problem {
             hinges: Vec::with_capacity(stops),
             v: vec![0.0; n],
             held: vec![Held::Free; n],
-            factor: vec![0.0; n * n],
+            factor: vec![[0.0; 4]; n * n.div_ceil(4)],
             free: Vec::with_capacity(n),
+            before: (0..n).collect(),
+            coupled: true,
+            free_before: Vec::with_capacity(n),
             g: vec![0.0; n],
             rhs: vec![0.0; n],
             candidate: vec![0.0; n],
@@ -107,11 +119,13 @@ impl Problem {
 
     /// Solves from the starting point `self.v`.
     pub fn solve(&mut self) -> Result<(), DynamicsError> {
-        if self.hinges.is_empty() && self.dry.iter().all(|f| *f == [0.0; 2]) && self.unconstrained()? {
-            return Ok(());
-        }
         for (v, [lower, upper]) in self.v.iter_mut().zip(&self.walls) {
             *v = v.max(*lower).min(*upper);
+        }
+        self.hold();
+        if self.reduced().is_ok() && self.confirmed() {
+            std::mem::swap(&mut self.v, &mut self.candidate);
+            return Ok(());
         }
         self.gradient();
         let mut residual = f64::INFINITY;
@@ -147,21 +161,37 @@ impl Problem {
         Err(DynamicsError::NoConvergence { what: WHAT, residual, iterations: rounds })
     }
 
-    /// Without friction and stops: the linear system, if its solution keeps off the limits. False if not; nothing is lost then.
-    fn unconstrained(&mut self) -> Result<bool, DynamicsError> {
-        let n = self.n;
-        self.factor.copy_from_slice(&self.A);
-        cholesky(&mut self.factor, n).map_err(|_| DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 })?;
-        self.rhs.copy_from_slice(&self.b);
-        cholesky_solve(&self.factor, n, &mut self.rhs);
-        if !self.rhs.iter().zip(&self.walls).all(|(v, [lower, upper])| lower < v && v < upper) {
-            return Ok(false);
-        }
-        self.v.copy_from_slice(&self.rhs);
-        self.free.clear();
-        self.free.extend(0..n);
-        self.held.fill(Held::Free);
-        Ok(true)
+    /// Does the candidate stay on the pieces on which `v` stands? It is the solution then.
+    fn confirmed(&self) -> bool {
+        let moves = |k: usize| {
+            let (w, [lower, upper]) = (self.candidate[k], self.walls[k]);
+            lower < w && w < upper && (self.dry[k] == [0.0; 2] || w * self.v[k] > 0.0)
+        };
+        let push = |k: usize, v: f64| self.hinges.iter().filter(|h| h.k == k).map(|h| h.push(v)).sum::<f64>();
+        let stays = |k: usize| {
+            let (w, [lower, upper], [forward, backward]) = (self.candidate[k], self.walls[k], self.dry[k]);
+            let row = &self.A[k * self.n..(k + 1) * self.n];
+            let needed = self.b[k] - row.iter().zip(&self.candidate).map(|(a, v)| a * v).sum::<f64>() - push(k, w);
+            // What friction and limits can give.
+            let least = if w <= lower {
+                f64::NEG_INFINITY
+            } else if w > 0.0 {
+                forward
+            } else {
+                -backward
+            };
+            let most = if w >= upper {
+                f64::INFINITY
+            } else if w < 0.0 {
+                -backward
+            } else {
+                forward
+            };
+            least <= needed && needed <= most
+        };
+        let held = |k: usize| if self.held[k] == Held::Free { moves(k) } else { stays(k) };
+        let pushes = |h: &Hinge| (h.push(self.candidate[h.k]) != 0.0) == (h.push(self.v[h.k]) != 0.0);
+        (0..self.n).all(held) && self.hinges.iter().all(pushes)
     }
 
     /// `A v - b` at the present `v`.
@@ -273,26 +303,42 @@ impl Problem {
     fn reduced(&mut self) -> Result<(), DynamicsError> {
         let (n, m) = (self.n, self.free.len());
         self.candidate.copy_from_slice(&self.v);
-        for (i, &k) in self.free.iter().enumerate() {
-            let mut r = self.b[k] - rub(self.dry[k], self.v[k]);
-            for j in 0..n {
-                if self.held[j] != Held::Free {
-                    r -= self.A[k * n + j] * self.v[j];
+        if m == n {
+            into_lanes(&self.A, n, &mut self.factor);
+        } else {
+            for (row, &k) in self.factor.as_flattened_mut().chunks_exact_mut(4 * m.div_ceil(4).max(1)).zip(&self.free) {
+                for (to, &j) in row.iter_mut().zip(&self.free) {
+                    *to = self.A[k * n + j];
                 }
             }
-            for (l, &j) in self.free.iter().enumerate() {
-                self.factor[i * m + l] = self.A[k * n + j];
+        }
+        let width = m.div_ceil(4);
+        for (i, &k) in self.free.iter().enumerate() {
+            let mut r = self.b[k] - rub(self.dry[k], self.v[k]);
+            if m != n {
+                for j in 0..n {
+                    if self.held[j] != Held::Free {
+                        r -= self.A[k * n + j] * self.v[j];
+                    }
+                }
             }
             for h in self.hinges.iter().filter(|h| h.k == k) {
                 if h.push(self.v[k]) != 0.0 {
-                    self.factor[i * m + i] += h.slope;
+                    self.factor[i * width + i / 4][i % 4] += h.slope;
                     r -= h.side * h.offset;
                 }
             }
             self.rhs[i] = r;
         }
-        cholesky(&mut self.factor, m).map_err(|_| DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 })?;
-        cholesky_solve(&self.factor, m, &mut self.rhs[..m]);
+        if self.coupled {
+            self.free_before.clear();
+            self.free_before.extend(0..m);
+        } else {
+            before_among(&self.before, &self.free, &mut self.free_before);
+        }
+        let indefinite = |_| DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 };
+        tree_factor(&mut self.factor, &self.free_before).map_err(indefinite)?;
+        tree_solve(&self.factor, &mut self.rhs[..m]);
         for (i, &k) in self.free.iter().enumerate() {
             self.candidate[k] = self.rhs[i];
         }

@@ -100,77 +100,196 @@ pub(crate) fn eliminate(A: &mut [f64], n: usize, B: &mut [f64], width: usize) {
     }
 }
 
-/// Factors the symmetric, row-major `n x n` matrix `A`, of which the lower triangle is given, as `L^T D L` in place (Featherstone
-/// 2008, section 6.5). `before[i]` is the row that row `i` stands on, plus one, and zero for a root: `A` must be zero between
-/// rows of different branches, and `L` is then too. The diagonal takes `1 / D`.
+/// What each of the `chosen` rows (in order) stands on, counted among those, where the others are taken out: see [`tree_factor`].
+pub(crate) fn before_among(before: &[usize], chosen: &[usize], out: &mut Vec<usize>) {
+    out.clear();
+    if chosen.len() == before.len() {
+        out.extend_from_slice(before);
+        return;
+    }
+    for &k in chosen {
+        let mut next = before[k];
+        out.push(loop {
+            match next.checked_sub(1).map(|i| chosen.binary_search(&i)) {
+                None => break 0,
+                Some(Ok(slot)) => break slot + 1,
+                Some(Err(_)) => next = before[next - 1],
+            }
+        });
+    }
+}
+
+/// Copies the rows of a row-major `n x n` matrix into rows of whole lanes.
+pub(crate) fn into_lanes(A: &[f64], n: usize, out: &mut [Lane]) {
+    for (from, to) in A.chunks_exact(n.max(1)).zip(out.chunks_exact_mut(n.div_ceil(4).max(1))) {
+        let (whole, rest) = from.as_chunks::<4>();
+        for (to, from) in to.iter_mut().zip(whole) {
+            *to = *from;
+        }
+        if let (Some(to), [first, others @ ..]) = (to.get_mut(whole.len()), rest) {
+            let mut lane = [*first, 0.0, 0.0, 0.0];
+            for (to, from) in lane[1..].iter_mut().zip(others) {
+                *to = *from;
+            }
+            *to = lane;
+        }
+    }
+}
+
+/// Factors the symmetric `n x n` matrix `A`, of which the lower triangle is given, as `L^T D L` in place (Featherstone 2008,
+/// section 6.5); `n.div_ceil(4)` lanes a row. `before[i]` is the row that row `i` stands on, plus one, and zero for a root: `A`
+/// must be zero between rows of different branches, and `L` is then too. Where each row stands on the one before it, `A` may be any.
+/// The diagonal takes `1 / D`. What stands above the diagonal comes out as anything.
 ///
 /// # Errors
 /// The index of the first pivot that is not positive (or not a number).
-pub(crate) fn tree_factor(A: &mut [f64], before: &[usize]) -> Result<(), usize> {
-    let n = before.len();
-    for k in (0..n).rev() {
-        let (above, row_k) = A.split_at_mut(k * n);
-        let row_k = &mut row_k[..k + 1];
-        let d = row_k[k];
+pub(crate) fn tree_factor(A: &mut [Lane], before: &[usize]) -> Result<(), usize> {
+    // Rows of fixed length stay in registers.
+    match before.len().div_ceil(4) {
+        1 => factor_rows(A.as_chunks_mut::<1>().0, before),
+        2 => factor_rows(A.as_chunks_mut::<2>().0, before),
+        3 => factor_rows(A.as_chunks_mut::<3>().0, before),
+        4 => factor_rows(A.as_chunks_mut::<4>().0, before),
+        width => factor_long_rows(A, before, width),
+    }
+}
+
+fn factor_rows<const W: usize>(A: &mut [[Lane; W]], before: &[usize]) -> Result<(), usize> {
+    for k in (0..before.len()).rev() {
+        let (above, row) = A.split_at_mut(k);
+        let original = row[0];
+        let row = row[0].as_flattened_mut();
+        let d = row[k];
         if d.is_nan() || d <= 0.0 {
             return Err(k);
         }
         let inverse = 1.0 / d;
-        row_k[k] = inverse;
-        let mut i = before[k];
-        while i != 0 {
-            let factor = row_k[i - 1] * inverse;
-            // What lies between the branches is zero in row `k`, and stays as it is.
-            for (x, y) in above[(i - 1) * n..(i - 1) * n + i].iter_mut().zip(&row_k[..i]) {
-                *x -= factor * y;
+        row[k] = inverse;
+        let mut next = before[k];
+        while next != 0 {
+            let i = next - 1;
+            let factor = row[i] * inverse;
+            row[i] = factor;
+            let mut target = above[i];
+            for (to, from) in target.iter_mut().zip(&original) {
+                add_scaled(to, -factor, from);
             }
-            row_k[i - 1] = factor;
-            i = before[i - 1];
+            above[i] = target;
+            next = before[i];
+        }
+    }
+    Ok(())
+}
+
+fn factor_long_rows(A: &mut [Lane], before: &[usize], width: usize) -> Result<(), usize> {
+    for k in (0..before.len()).rev() {
+        let (above, row) = A.split_at_mut(k * width);
+        let row = &mut row[..k / 4 + 1];
+        let d = row[k / 4][k % 4];
+        if d.is_nan() || d <= 0.0 {
+            return Err(k);
+        }
+        let inverse = 1.0 / d;
+        row[k / 4][k % 4] = inverse;
+        let mut next = before[k];
+        while next != 0 {
+            let i = next - 1;
+            let factor = row[i / 4][i % 4] * inverse;
+            // What lies between the branches is zero in row `k`, and stays as it is.
+            for (to, from) in above[i * width..i * width + i / 4 + 1].iter_mut().zip(&*row) {
+                let mut lane = *to;
+                add_scaled(&mut lane, -factor, from);
+                *to = lane;
+            }
+            row[i / 4][i % 4] = factor;
+            next = before[i];
         }
     }
     Ok(())
 }
 
 /// Solves `L^T D L x = b` in place, with the factor from [`tree_factor`].
-pub(crate) fn tree_solve(L: &[f64], before: &[usize], x: &mut [f64]) {
-    let n = before.len();
-    for k in (0..n).rev() {
-        let (above, below) = x.split_at_mut(k);
-        for (x, l) in above.iter_mut().zip(&L[k * n..k * n + k]) {
-            *x -= l * below[0];
+pub(crate) fn tree_solve(L: &[Lane], x: &mut [f64]) {
+    let width = 4 * x.len().div_ceil(4).max(1);
+    let L = &L.as_flattened()[..x.len() * width];
+    for (k, row) in L.chunks_exact(width).enumerate().rev() {
+        let (before, rest) = x.split_at_mut(k);
+        for (x, l) in before.iter_mut().zip(row) {
+            *x -= l * rest[0];
         }
     }
-    for k in 0..n {
-        let row = &L[k * n..k * n + k + 1];
-        let sum: f64 = row[..k].iter().zip(&x[..k]).map(|(l, x)| l * x).sum();
-        x[k] = x[k] * row[k] - sum;
+    for (k, row) in L.chunks_exact(width).enumerate() {
+        let (before, rest) = x.split_at_mut(k);
+        rest[0] = rest[0] * row[k] - dot(&row[..k], before);
     }
 }
 
-/// Writes the inverse of `L^T D L`, with the factor from [`tree_factor`]; `n.div_ceil(4)` lanes a row. `Y` is scratch of the same
-/// size.
-pub(crate) fn tree_inverse(L: &[f64], n: usize, Y: &mut [Lane], inverse: &mut [Lane]) {
-    let width = n.div_ceil(4);
-    // Y = L^-T: its row `k` is e_k less the factors of column `k` of L times the rows below it.
-    for k in (0..n).rev() {
-        let (row, below) = Y[k * width..].split_at_mut(width);
-        for (block, to) in row.iter_mut().enumerate() {
-            let mut sum = [0.0; 4];
-            for (i, Y_i) in below.chunks_exact(width).enumerate().take(n - k - 1) {
-                add_scaled(&mut sum, -L[(k + 1 + i) * n + k], &Y_i[block]);
-            }
-            *to = sum;
-        }
-        row[k / 4][k % 4] += 1.0;
+/// Solves `L^T D L X = B` in place for many right-hand sides side by side: `across` lanes a row of `B`.
+pub(crate) fn tree_solve_rows(L: &[Lane], n: usize, B: &mut [Lane], across: usize) {
+    // Rows of fixed length stay in registers.
+    match across {
+        1 => solve_rows(L, n, B.as_chunks_mut::<1>().0),
+        2 => solve_rows(L, n, B.as_chunks_mut::<2>().0),
+        3 => solve_rows(L, n, B.as_chunks_mut::<3>().0),
+        4 => solve_rows(L, n, B.as_chunks_mut::<4>().0),
+        5 => solve_rows(L, n, B.as_chunks_mut::<5>().0),
+        6 => solve_rows(L, n, B.as_chunks_mut::<6>().0),
+        7 => solve_rows(L, n, B.as_chunks_mut::<7>().0),
+        _ => solve_long_rows(L, n, B, across),
     }
-    // The inverse is Y^T D^-1 Y; row `k` of Y is zero before `k`.
-    for (i, row) in inverse.chunks_exact_mut(width).enumerate() {
-        for (block, to) in row.iter_mut().enumerate() {
-            let mut sum = [0.0; 4];
-            for (k, Y_k) in Y.chunks_exact(width).enumerate().take(i + 1) {
-                add_scaled(&mut sum, Y_k[i / 4][i % 4] * L[k * n + k], &Y_k[block]);
-            }
-            *to = sum;
+}
+
+fn solve_rows<const W: usize>(L: &[Lane], n: usize, B: &mut [[Lane; W]]) {
+    let (stride, L) = (4 * n.div_ceil(4), L.as_flattened());
+    for k in (0..n).rev() {
+        let (row, below) = B[k..n].split_at_mut(1);
+        let mut sum = row[0];
+        let factors = L.get((k + 1) * stride + k..).unwrap_or(&[]).iter().step_by(stride.max(1));
+        for (factor, other) in factors.zip(below) {
+            add_scaled_row(&mut sum, -factor, other);
+        }
+        row[0] = sum;
+    }
+    for k in 0..n {
+        let (above, row) = B.split_at_mut(k);
+        let factors = &L[k * stride..k * stride + k + 1];
+        let mut sum = [[0.0; 4]; W];
+        add_scaled_row(&mut sum, factors[k], &row[0]);
+        for (factor, other) in factors.iter().zip(above) {
+            add_scaled_row(&mut sum, -factor, other);
+        }
+        row[0] = sum;
+    }
+}
+
+#[inline(always)]
+fn add_scaled_row<const W: usize>(to: &mut [Lane; W], a: f64, x: &[Lane; W]) {
+    for (to, x) in to.iter_mut().zip(x) {
+        add_scaled(to, a, x);
+    }
+}
+
+fn solve_long_rows(L: &[Lane], n: usize, B: &mut [Lane], across: usize) {
+    let (stride, L) = (4 * n.div_ceil(4), L.as_flattened());
+    let subtract = |row: &mut [Lane], factor: f64, other: &[Lane]| {
+        for (to, x) in row.iter_mut().zip(other) {
+            let mut lane = *to;
+            add_scaled(&mut lane, -factor, x);
+            *to = lane;
+        }
+    };
+    for k in (0..n).rev() {
+        let (row, below) = B[k * across..n * across].split_at_mut(across);
+        for (i, other) in below.chunks_exact(across.max(1)).enumerate() {
+            subtract(row, L[(k + 1 + i) * stride + k], other);
+        }
+    }
+    for k in 0..n {
+        let (above, row) = B[..(k + 1) * across].split_at_mut(k * across);
+        let factors = &L[k * stride..k * stride + k + 1];
+        row.as_flattened_mut().iter_mut().for_each(|x| *x *= factors[k]);
+        for (factor, other) in factors.iter().zip(above.chunks_exact(across.max(1))) {
+            subtract(row, *factor, other);
         }
     }
 }
@@ -182,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_branched_matrix_is_factored_solved_and_inverted() {
+    fn a_branched_matrix_is_factored_and_solved_for_one_side_and_many() {
         // Two branches of two rows each, on a trunk of two; and a root of its own.
         let before = [0, 1, 2, 3, 2, 5, 0];
         let n = before.len();
@@ -196,20 +315,37 @@ mod tests {
                 j = before[j - 1];
             }
         }
-        let (mut L, mut Y, mut inverse) = (full.clone(), vec![[0.0; 4]; 2 * n], vec![[0.0; 4]; 2 * n]);
+        let lanes = || vec![[0.0; 4]; 2 * n];
+        let (mut L, mut units, mut long) = (lanes(), lanes(), lanes());
+        into_lanes(&full, n, &mut L);
         tree_factor(&mut L, &before).unwrap();
-        tree_inverse(&L, n, &mut Y, &mut inverse);
+        for k in 0..n {
+            units[2 * k + k / 4][k % 4] = 1.0;
+        }
+        long.copy_from_slice(&units);
+        tree_solve_rows(&L, n, &mut units, 2);
+        solve_long_rows(&L, n, &mut long, 2);
         for k in 0..n {
             let mut x = vec![0.0; n];
             x[k] = 1.0;
-            tree_solve(&L, &before, &mut x);
+            tree_solve(&L, &mut x);
             for i in 0..n {
                 let unit: f64 = (0..n).map(|j| full[i * n + j] * x[j]).sum();
                 assert!((unit - if i == k { 1.0 } else { 0.0 }).abs() < 1e-13);
-                assert!((inverse[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
+                assert!((units[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
+                assert!((long[2 * i + k / 4][k % 4] - x[i]).abs() < 1e-14);
+            }
+        }
+        let mut long = lanes();
+        into_lanes(&full, n, &mut long);
+        factor_long_rows(&mut long, &before, 2).unwrap();
+        for i in 0..n {
+            for k in 0..i + 1 {
+                assert_eq!(long[2 * i + k / 4][k % 4], L[2 * i + k / 4][k % 4]);
             }
         }
         full[3 * n + 3] = -1.0;
-        assert_eq!(tree_factor(&mut full, &before), Err(3));
+        into_lanes(&full, n, &mut L);
+        assert_eq!(tree_factor(&mut L, &before), Err(3));
     }
 }

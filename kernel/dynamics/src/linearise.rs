@@ -23,12 +23,13 @@ use nalgebra::{DMatrix, Matrix6, Vector3, Vector6};
 use crate::complementarity::Held;
 use crate::effects::{Acts, Advance, HISTORY, Partial, Transfer};
 use crate::joint::Motion;
-use crate::linear::{cholesky, eliminate};
+use crate::linear::{before_among, eliminate, into_lanes, tree_factor, tree_solve_rows};
 use crate::multibody::length;
 use crate::placed::Taken;
 use crate::residual::ResidualCotangents;
 use crate::spatial::cross_motion;
 use crate::system::Placement;
+use crate::workspace::Lane;
 use crate::{Adjoint, Coriolis, DynamicsError, Input, SpatialVector, State, StepWorkspace, System};
 
 /// Derivatives of one step. `x` is position (as a tangent, see [`crate::Multibody::integrate`]), then velocity, then the inner
@@ -55,7 +56,9 @@ pub struct Linearisation {
     /// What the residual's reverse mode writes: by q, v, u and the first solution.
     pulled: Vec<f64>,
     free: Vec<usize>,
-    factor: Vec<f64>,
+    /// What the free coordinates stand on, as [`tree_factor`] asks.
+    before: Vec<usize>,
+    factor: Vec<Lane>,
     packed: Vec<f64>,
     a: Vec<f64>,
     /// The Hessian.
@@ -70,7 +73,7 @@ impl Linearisation {
     /// Zeros for a system.
     pub fn new(system: &System) -> Self {
         let (n, nz) = (system.multibody().nv(), system.state().z.len());
-        let width = 3 * n + nz;
+        let width = Columns { n, nz }.width();
         let twice = if system.solves_twice() { n * width } else { 0 };
         Self {
             A: DMatrix::zeros(2 * n + nz, 2 * n + nz),
@@ -83,7 +86,8 @@ impl Linearisation {
             row: vec![0.0; width],
             pulled: vec![0.0; 5 * n],
             free: Vec::with_capacity(n),
-            factor: vec![0.0; n * n],
+            before: Vec::with_capacity(n),
+            factor: vec![[0.0; 4]; n * n.div_ceil(4)],
             packed: vec![0.0; n * width],
             a: vec![0.0; n],
             H: vec![0.0; n * n],
@@ -110,8 +114,9 @@ impl Columns {
         2 * self.n + self.nz
     }
 
+    /// Whole lanes; what is left at the end of a row means nothing.
     fn width(self) -> usize {
-        3 * self.n + self.nz
+        (3 * self.n + self.nz).next_multiple_of(4)
     }
 
     /// A row among rows.
@@ -187,7 +192,12 @@ impl System {
         for (a, (w, v)) in x.a.iter_mut().zip(w.iter().zip(&state.v)) {
             *a = (w - v) / dt;
         }
-        multibody.forces(&mut ws.rigid, Some(&x.a), true);
+        if self.solves_twice() || !self.sways.is_empty() {
+            multibody.forces(&mut ws.rigid, Some(&x.a), true);
+        } else {
+            // The step's own pass is there still.
+            multibody.accelerate(&mut ws.rigid, &x.a);
+        }
         if self.sways.is_empty() {
             multibody.differentiate(&mut ws.rigid);
         } else {
@@ -202,12 +212,14 @@ impl System {
         }
         let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
         let share = if midpoint { 0.5 * dt } else { dt };
-        for (i, row) in x.change.chunks_exact_mut(at.width()).enumerate() {
+        for (i, row) in x.change.chunks_exact_mut(at.width().max(1)).enumerate() {
             let (by_q, by_v) = ws.rigid.variation.row(i).split_at(n);
             let M = &ws.rigid.M.as_slice()[i * n..(i + 1) * n];
-            for k in 0..n {
-                row[k] = dt * by_q[k];
-                row[n + k] = share * by_v[k] - M[k];
+            for (to, by_q) in row.iter_mut().zip(by_q) {
+                *to = dt * by_q;
+            }
+            for (to, (by_v, m)) in row[n..].iter_mut().zip(by_v.iter().zip(M)) {
+                *to = share * by_v - m;
             }
             row[2 * n..].fill(0.0);
             if x.reached.is_empty() {
@@ -216,7 +228,7 @@ impl System {
                 add_row(row, -dt, &x.reached[at.row(i)]);
             }
             if midpoint {
-                for (by_v, first) in by_v[..n].iter().zip(x.first.chunks_exact(at.width())) {
+                for (by_v, first) in by_v[..n].iter().zip(x.first.chunks_exact(at.width().max(1))) {
                     add_row(row, share * by_v, first);
                 }
             }
@@ -243,7 +255,16 @@ impl System {
             }
         }
         let (w, held): (&[f64], &[Held]) = if first { (&ws.first.w, &ws.first.held) } else { (&ws.problem.v, &ws.problem.held) };
-        if let (Some(contacts), Some(contact)) = (&self.contacts, &mut ws.contact) {
+        x.free.clear();
+        x.free.extend((0..n).filter(|k| held[*k] == Held::Free));
+        let touching = ws.contact.as_ref().is_some_and(|c| !c.active.is_empty());
+        if touching || !self.sways.is_empty() {
+            x.before.clear();
+            x.before.extend(0..x.free.len());
+        } else {
+            before_among(&multibody.before, &x.free, &mut x.before);
+        }
+        if let (Some(contacts), Some(contact), true) = (&self.contacts, &mut ws.contact, touching) {
             contact.rates(contacts, w);
             contact.differentiate();
             let change = &mut x.change;
@@ -443,8 +464,6 @@ impl System {
         x: &mut Linearisation,
     ) -> Result<(), DynamicsError> {
         let (n, width) = (at.n, at.width());
-        x.free.clear();
-        x.free.extend((0..n).filter(|k| held[*k] == Held::Free));
         // What is held: at rest, or where the limit says, which moves with the position.
         for k in (0..n).filter(|k| held[*k] != Held::Free) {
             x.change[at.row(k)].fill(0.0);
@@ -457,57 +476,59 @@ impl System {
             }
         }
         let m = x.free.len();
-        for (i, &k) in x.free.iter().enumerate() {
-            for (l, &j) in x.free.iter().enumerate() {
-                x.factor[i * m + l] = x.H[k * n + j];
-            }
-            for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
-                *to = -from;
-            }
-        }
-        if cholesky(&mut x.factor[..m * m], m).is_ok() {
-            let L = &x.factor[..m * m];
-            // Whole rows at a time: all right-hand sides side by side.
-            for i in 0..m {
-                let (above, row) = x.packed.split_at_mut(i * width);
-                reduce(&mut row[..width], above, width, |k| L[i * m + k], L[i * m + i]);
-            }
-            for i in (0..m).rev() {
-                let (row, below) = x.packed[i * width..m * width].split_at_mut(width);
-                reduce(row, below, width, |k| L[(i + 1 + k) * m + i], L[i * m + i]);
-            }
+        if m == n {
+            into_lanes(&x.H, n, &mut x.factor);
+            std::mem::swap(&mut x.packed, &mut x.change);
+            x.packed.iter_mut().for_each(|x| *x = -*x);
         } else {
-            // Forces that fall with the velocity can make it indefinite.
             for (i, &k) in x.free.iter().enumerate() {
-                for (l, &j) in x.free.iter().enumerate() {
-                    x.factor[i * m + l] = x.H[k * n + j];
+                for (to, &j) in x.factor.as_flattened_mut()[4 * i * m.div_ceil(4)..].iter_mut().zip(&x.free) {
+                    *to = x.H[k * n + j];
+                }
+                for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
+                    *to = -from;
                 }
             }
-            eliminate(&mut x.factor[..m * m], m, &mut x.packed[..m * width], width);
+        }
+        if tree_factor(&mut x.factor, &x.before).is_ok() {
+            tree_solve_rows(&x.factor, m, x.packed.as_chunks_mut().0, width / 4);
+        } else {
+            // Forces that fall with the velocity can make it indefinite.
+            let factor = x.factor.as_flattened_mut();
+            for (i, &k) in x.free.iter().enumerate() {
+                for (l, &j) in x.free.iter().enumerate() {
+                    factor[i * m + l] = x.H[k * n + j];
+                }
+            }
+            eliminate(&mut factor[..m * m], m, &mut x.packed[..m * width], width);
             if !x.packed[..m * width].iter().all(|x| x.is_finite()) {
                 let what = "the step's derivatives";
                 return Err(DynamicsError::NoConvergence { what, residual: f64::INFINITY, iterations: 0 });
             }
         }
-        for (i, &k) in x.free.iter().enumerate() {
-            x.change[at.row(k)].copy_from_slice(&x.packed[at.row(i)]);
+        if m == n {
+            std::mem::swap(&mut x.packed, &mut x.change);
+        } else {
+            for (i, &k) in x.free.iter().enumerate() {
+                x.change[at.row(k)].copy_from_slice(&x.packed[at.row(i)]);
+            }
         }
         Ok(())
     }
 
     fn write(&self, w: &[f64], dt: f64, at: Columns, x: &mut Linearisation) {
-        let n = at.n;
-        for i in 0..n {
-            x.row.copy_from_slice(&x.change[at.row(i)]);
-            x.put(n + i, at);
+        let (n, rows) = (at.n, at.u());
+        let columns = x.A.as_mut_slice().chunks_exact_mut(rows.max(1)).chain(x.B.as_mut_slice().chunks_exact_mut(rows.max(1)));
+        for (k, column) in columns.enumerate() {
+            let (positions, rest) = column.split_at_mut(n);
+            for ((row, q), v) in x.change.chunks_exact(at.width().max(1)).zip(positions).zip(rest) {
+                (*q, *v) = (dt * row[k], row[k]);
+            }
         }
         for body in self.multibody().bodies.iter().skip(1).filter(|b| !b.follows) {
             let own = body.v..body.v + body.nv;
             if body.nv == 1 {
-                x.row.fill(0.0);
-                add_row(&mut x.row, dt, &x.change[at.row(body.v)]);
-                x.row[body.v] += 1.0;
-                x.put(body.v, at);
+                x.A[(body.v, body.v)] += 1.0;
                 continue;
             }
             let (transport, J) = step_on_group(&body.motion, &w[own.clone()], dt);
@@ -529,7 +550,7 @@ impl Linearisation {
         for (k, value) in self.row[..at.u()].iter().enumerate() {
             self.A[(i, k)] = *value;
         }
-        for (k, value) in self.row[at.u()..].iter().enumerate() {
+        for (k, value) in self.row[at.u()..at.u() + at.n].iter().enumerate() {
             self.B[(i, k)] = *value;
         }
     }
@@ -572,21 +593,6 @@ fn add_input(row: &mut [f64], k: usize, by_input: f64, reached: &[f64], at: Colu
         row[at.u() + k] += by_input;
     } else {
         add_row(row, by_input, &reached[at.row(k)]);
-    }
-}
-
-/// `row = (row - sum_k factor(k) rows_k) / pivot`.
-#[inline]
-fn reduce(row: &mut [f64], rows: &[f64], width: usize, factor: impl Fn(usize) -> f64, pivot: f64) {
-    for (k, other) in rows.chunks_exact(width).enumerate() {
-        let f = factor(k);
-        for (x, y) in row.iter_mut().zip(other) {
-            *x -= f * y;
-        }
-    }
-    let scale = 1.0 / pivot;
-    for x in row {
-        *x *= scale;
     }
 }
 

@@ -8,6 +8,7 @@ use sagci_model::{JointKind, JointLimits, ObjectModel};
 
 use crate::error::hint;
 use crate::joint::{Motion, matrix};
+use crate::workspace::Lane;
 use crate::{DynamicsError, SpatialInertia, Workspace};
 
 /// Standard gravity downwards, m/s^2.
@@ -183,6 +184,9 @@ pub struct Multibody {
     /// By velocity: the velocity before it on its way to the world, plus one; zero for none. Where joints follow others, each
     /// stands on the one before it, for then any two can be coupled.
     pub(crate) before: Vec<usize>,
+    /// By degree of freedom of the tree, `tree.div_ceil(4)` lanes a row: one for itself and those before it on its way to the world,
+    /// zero for all others.
+    pub(crate) along: Vec<Lane>,
 }
 
 impl Multibody {
@@ -224,6 +228,7 @@ impl Multibody {
             tree: 0,
             has_followers: false,
             before: Vec::new(),
+            along: Vec::new(),
         };
         for part in parts {
             built.add(part)?;
@@ -359,6 +364,20 @@ impl Multibody {
     }
 
     fn link_velocities(&mut self) {
+        let width = self.tree.div_ceil(4);
+        self.along = vec![[0.0; 4]; self.tree * width];
+        for (i, body) in self.bodies.iter().enumerate().skip(1) {
+            for t in body.tree_range() {
+                let mut at = i;
+                while at != 0 {
+                    let inner = &self.bodies[at];
+                    for l in inner.tree_range().filter(|l| *l <= t) {
+                        self.along[t * width + l / 4][l % 4] = 1.0;
+                    }
+                    at = inner.parent;
+                }
+            }
+        }
         self.before = (0..self.nv).collect();
         if self.has_followers {
             return;
@@ -645,6 +664,10 @@ impl Multibody {
         length("q", q.len(), self.nq)?;
         length("v", v.len(), self.nv)?;
         for body in self.bodies.iter().skip(1).filter(|b| !b.follows) {
+            if body.nq == 1 {
+                q[body.q] += v[body.v] * dt;
+                continue;
+            }
             body.motion.integrate(&mut q[body.q..body.q + body.nq], &v[body.v..body.v + body.nv], dt);
         }
         Ok(())

@@ -27,12 +27,13 @@ use crate::contact::Contacts;
 use crate::contact::derivative::Seed;
 use crate::contact::solver::ContactWorkspace;
 use crate::joint::matrix;
-use crate::linear::{cholesky, cholesky_solve, eliminate};
+use crate::linear::{cholesky, cholesky_solve, eliminate, tree_solve};
 use crate::parameter::left_jacobian;
 use crate::placed::{BaseMotion, Cotangents, SwayPlace, Taken};
 use crate::residual::{ResidualCotangents, ResidualWorkspace};
 use crate::spatial::{angular, join, linear};
 use crate::step::RECOVERY_STEPS;
+use crate::workspace::Lane;
 use crate::{
     Adjoint, Coriolis, DynamicsError, ExternalWrench, Multibody, RigidGradient, SpatialVector, State, StepWorkspace, System, Workspace,
     cross_force,
@@ -105,20 +106,20 @@ impl NaturalGradient {
 pub(crate) struct Solve {
     pub w: Vec<f64>,
     pub held: Vec<Held>,
-    /// Cholesky factor on the free coordinates.
-    pub factor: Vec<f64>,
+    /// [`crate::linear::tree_factor`] on the free coordinates.
+    pub factor: Vec<Lane>,
 }
 
 impl Solve {
     pub fn new(n: usize) -> Self {
-        Self { w: vec![0.0; n], held: vec![Held::Free; n], factor: vec![0.0; n * n] }
+        Self { w: vec![0.0; n], held: vec![Held::Free; n], factor: vec![[0.0; 4]; n * n.div_ceil(4)] }
     }
 
     pub fn keep(&mut self, problem: &Problem) {
         self.w.copy_from_slice(&problem.v);
         self.held.copy_from_slice(&problem.held);
-        let m = problem.free.len();
-        self.factor[..m * m].copy_from_slice(&problem.factor[..m * m]);
+        let m = problem.free.len() * problem.free.len().div_ceil(4);
+        self.factor[..m].copy_from_slice(&problem.factor[..m]);
     }
 
     fn copy(&mut self, other: &Self) {
@@ -157,8 +158,8 @@ impl Record {
     pub fn bytes(system: &System) -> usize {
         let (n, state) = (system.multibody().nv(), system.state());
         let solves = if system.solves_twice() { 2 } else { 1 };
-        let squares = solves + usize::from(system.factors_again());
-        let numbers = state.q.len() + state.v.len() + state.z.len() + system.placements().len() + 2 * n + solves * n + squares * n * n;
+        let squares = solves * 4 * n * n.div_ceil(4) + usize::from(system.factors_again()) * n * n;
+        let numbers = state.q.len() + state.v.len() + state.z.len() + system.placements().len() + 2 * n + solves * n + squares;
         std::mem::size_of::<Self>() + 8 * numbers + solves * n * std::mem::size_of::<Held>()
     }
 
@@ -463,7 +464,7 @@ impl System {
             spread(&solve.held, &ws.rhs, &mut ws.lambda);
         } else {
             let m = gather(&solve.held, &ws.condensed, &mut ws.rhs);
-            cholesky_solve(&solve.factor, m, &mut ws.rhs[..m]);
+            tree_solve(&solve.factor, &mut ws.rhs[..m]);
             spread(&solve.held, &ws.rhs, &mut ws.lambda);
         }
         if touching {

@@ -273,12 +273,14 @@ impl System {
         let n = self.multibody().nv();
         let problem = &mut ws.problem;
         problem.A.copy_from_slice(ws.rigid.M.as_slice());
-        for k in 0..n {
-            let momentum: f64 = (0..n).map(|j| problem.A[k * n + j] * state.v[j]).sum();
-            problem.b[k] = momentum + dt * (ws.tau[k] + ws.load[k]) + ws.more[k];
-            problem.dry[k] = [0.0; 2];
-            problem.walls[k] = [f64::NEG_INFINITY, f64::INFINITY];
+        problem.before.copy_from_slice(&self.multibody().before);
+        problem.coupled = !self.sways.is_empty();
+        for (k, (b, row)) in problem.b.iter_mut().zip(problem.A.chunks_exact(n.max(1))).enumerate() {
+            let momentum: f64 = row.iter().zip(&state.v).map(|(m, v)| m * v).sum();
+            *b = momentum + dt * (ws.tau[k] + ws.load[k]) + ws.more[k];
         }
+        problem.dry.fill([0.0; 2]);
+        problem.walls.fill([f64::NEG_INFINITY, f64::INFINITY]);
         for joint in self.multibody().joints() {
             if joint.v.len() == 1 {
                 let (k, q) = (joint.v.start, state.q[joint.q.start]);

@@ -61,10 +61,11 @@ pub struct Workspace {
     pub(crate) IS: Vec<SpatialVector>,
     /// Mass matrix, and its factor [`crate::linear::tree_factor`].
     pub(crate) M: DMatrix<f64>,
-    pub(crate) tree_factor: Vec<f64>,
-    /// Scratch by velocity, and by degree of freedom of the tree.
+    pub(crate) tree_factor: Vec<Lane>,
+    /// The lower triangle of the mass matrix that the tree would have if no joint followed another, by lanes, without armature.
+    pub(crate) tree_rows: Vec<Lane>,
+    /// Scratch by velocity.
     pub(crate) scratch: Vec<f64>,
-    pub(crate) scratch_row: Vec<Lane>,
     /// What derivatives need.
     pub(crate) variation: Variation,
     /// Acceleration, and virtual velocity, that what a body's joint stands on has beyond its parent: of bases that give way. Only
@@ -107,9 +108,9 @@ impl Workspace {
             M: DMatrix::zeros(n, n),
             S_lanes: vec![[[0.0; 4]; 6]; t.div_ceil(4)],
             IS: vec![SpatialVector::zeros(); t],
-            tree_factor: vec![0.0; n * n],
+            tree_factor: vec![[0.0; 4]; n * n.div_ceil(4)],
             scratch: vec![0.0; n],
-            scratch_row: vec![[0.0; 4]; t.div_ceil(4)],
+            tree_rows: vec![[0.0; 4]; t * t.div_ceil(4)],
             variation: Variation::new(multibody),
             bases: vec![[SpatialVector::zeros(); 2]; b],
         };

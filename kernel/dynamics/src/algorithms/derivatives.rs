@@ -27,7 +27,7 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::error::check;
-use crate::linear::tree_inverse;
+use crate::linear::tree_solve_rows;
 use crate::multibody::length;
 use crate::spatial::{angular, join, linear, mul, tr_mul};
 use crate::workspace::{Lane, add_scaled};
@@ -128,8 +128,7 @@ pub(crate) struct Variation {
     /// Derivatives by q and by v side by side, row-major, `4 width` numbers a row.
     table: Vec<Lane>,
     pub width: usize,
-    /// Scratch, and the inverse of the mass matrix, row-major, `4 n.div_ceil(4)` numbers a row.
-    square: Vec<Lane>,
+    /// The inverse of the mass matrix, row-major, `4 n.div_ceil(4)` numbers a row.
     inverse: Vec<Lane>,
     /// Scratch: which bodies belong to a subtree.
     pub inside: Vec<bool>,
@@ -151,7 +150,6 @@ impl Variation {
             line: vec![[[0.0; 4]; 4]; t.div_ceil(4)],
             table: vec![[0.0; 4]; n * (2 * n).div_ceil(4)],
             width: (2 * n).div_ceil(4),
-            square: vec![[0.0; 4]; n * n.div_ceil(4)],
             inverse: vec![[0.0; 4]; n * n.div_ceil(4)],
             inside: vec![false; b],
         }
@@ -188,8 +186,9 @@ impl Multibody {
         let (d_q, d_v) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice());
         for i in 0..n {
             let (by_q, by_v) = ws.variation.row(i).split_at(n);
-            for (k, (by_q, by_v)) in by_q.iter().zip(by_v).enumerate() {
-                (d_q[k * n + i], d_v[k * n + i]) = (*by_q, *by_v);
+            let columns = d_q[i..].iter_mut().step_by(n).zip(d_v[i..].iter_mut().step_by(n));
+            for ((d_q, d_v), (by_q, by_v)) in columns.zip(by_q.iter().zip(by_v)) {
+                (*d_q, *d_v) = (*by_q, *by_v);
             }
         }
         Ok(())
@@ -222,23 +221,19 @@ impl Multibody {
         let n = self.nv;
         let x = &mut ws.variation;
         let across = n.div_ceil(4);
-        tree_inverse(&ws.tree_factor, n, &mut x.square, &mut x.inverse);
+        x.inverse.fill([0.0; 4]);
+        for i in 0..n {
+            x.inverse[i * across + i / 4][i % 4] = 1.0;
+        }
+        tree_solve_rows(&ws.tree_factor, n, &mut x.inverse, across);
+        tree_solve_rows(&ws.tree_factor, n, &mut x.table, x.width);
         let (d_q, d_v, d_tau) = (derivatives.d_q.as_mut_slice(), derivatives.d_v.as_mut_slice(), derivatives.d_tau.as_mut_slice());
         for i in 0..n {
-            let inverse = &x.inverse[i * across..(i + 1) * across].as_flattened()[..n];
-            d_tau[i * n..(i + 1) * n].copy_from_slice(inverse);
-            for block in 0..x.width {
-                let mut sum = [0.0; 4];
-                for (m, row) in inverse.iter().zip(x.table.chunks_exact(x.width)) {
-                    add_scaled(&mut sum, -m, &row[block]);
-                }
-                for (k, x) in (4 * block..).zip(sum) {
-                    if k < n {
-                        d_q[k * n + i] = x;
-                    } else if k < 2 * n {
-                        d_v[(k - n) * n + i] = x;
-                    }
-                }
+            d_tau[i * n..(i + 1) * n].copy_from_slice(&x.inverse[i * across..(i + 1) * across].as_flattened()[..n]);
+            let (by_q, by_v) = x.row(i).split_at(n);
+            let columns = d_q[i..].iter_mut().step_by(n).zip(d_v[i..].iter_mut().step_by(n));
+            for ((d_q, d_v), (by_q, by_v)) in columns.zip(by_q.iter().zip(by_v)) {
+                (*d_q, *d_v) = (-by_q, -by_v);
             }
         }
         Ok(())

@@ -39,7 +39,7 @@ impl Multibody {
         }
         self.composite(ws);
         self.factor(ws)?;
-        tree_solve(&ws.tree_factor, &self.before, a);
+        tree_solve(&ws.tree_factor, a);
         Ok(())
     }
 

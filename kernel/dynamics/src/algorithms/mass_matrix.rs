@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::linear::{tree_factor, tree_solve};
+use crate::linear::{into_lanes, tree_factor, tree_solve};
 use crate::multibody::length;
 use crate::workspace::add_scaled;
 use crate::{DynamicsError, Multibody, Workspace};
@@ -21,63 +21,67 @@ impl Multibody {
 
     pub(crate) fn composite(&self, ws: &mut Workspace) {
         let n = self.nv;
-        let Workspace { S, S_lanes, IS, inertia, composite, M, scratch_row: row, .. } = ws;
+        let Workspace { S, S_lanes, IS, inertia, composite, M, tree_rows: rows, .. } = ws;
         let M = M.as_mut_slice();
+        let width = S_lanes.len();
+        for (S, lanes) in S.chunks(4).zip(S_lanes.iter_mut()) {
+            for (lane, S) in S.iter().enumerate() {
+                for r in 0..6 {
+                    lanes[r][lane] = S[r];
+                }
+            }
+        }
         composite.copy_from_slice(inertia);
-        for (t, S) in S.iter().enumerate() {
-            for r in 0..6 {
-                S_lanes[t / 4][r][t % 4] = S[r];
-            }
-        }
-        if self.has_followers {
-            M.fill(0.0);
-            for (i, armature) in self.armature.iter().enumerate() {
-                M[i * n + i] = *armature;
-            }
-        }
         for (i, body) in self.bodies.iter().enumerate().skip(1).rev() {
             let I = composite[i];
             if body.parent != 0 {
                 composite[body.parent] += I;
             }
-            for (k, t) in body.tree_range().enumerate() {
+            for t in body.tree_range() {
                 let F = I.times(&S[t]);
                 IS[t] = F;
-                for (S, out) in S_lanes[body.first / 4..=t / 4].iter().zip(&mut row[body.first / 4..=t / 4]) {
+                let blocks = body.first / 4..t / 4 + 1;
+                let row = &mut rows[t * width..(t + 1) * width];
+                let along = &self.along[t * width..(t + 1) * width];
+                for ((S, out), along) in S_lanes[blocks.clone()].iter().zip(&mut row[blocks.clone()]).zip(&along[blocks]) {
                     let mut sum = [0.0; 4];
                     for r in 0..6 {
                         add_scaled(&mut sum, F[r], &S[r]);
                     }
-                    *out = sum;
-                }
-                let row = row.as_flattened();
-                if self.has_followers {
-                    let v = body.v + k;
-                    for (l, entry) in (body.tree..t + 1).enumerate() {
-                        add(M, n, body.v + l, v, entry == t, row[entry]);
-                    }
-                    let mut at = body.parent;
-                    while at != 0 {
-                        let inner = &self.bodies[at];
-                        for (l, entry) in inner.tree_range().enumerate() {
-                            add(M, n, inner.v + l, v, false, row[entry]);
-                        }
-                        at = inner.parent;
-                    }
-                } else {
-                    // Entries between branches are zero, and are never written.
-                    let mut at = i;
-                    while at != 0 {
-                        let inner = &self.bodies[at];
-                        for l in inner.tree..inner.tree + inner.nv.min(t + 1 - inner.tree) {
-                            M[t * n + l] = row[l];
-                            M[l * n + t] = row[l];
-                        }
-                        at = inner.parent;
-                    }
-                    M[t * n + t] += self.armature[t];
+                    *out = [sum[0] * along[0], sum[1] * along[1], sum[2] * along[2], sum[3] * along[3]];
                 }
             }
+        }
+        let rows = rows.as_flattened();
+        if self.has_followers {
+            M.fill(0.0);
+            for (body, t) in self.bodies.iter().flat_map(|body| body.tree_range().map(move |t| (body, t))) {
+                let v = body.v + t - body.tree;
+                let row = &rows[4 * width * t..4 * width * t + t + 1];
+                for (l, entry) in (body.tree..t + 1).zip(&row[body.tree..]) {
+                    add(M, n, body.v + l - body.tree, v, l == t, *entry);
+                }
+                let mut at = body.parent;
+                while at != 0 {
+                    let inner = &self.bodies[at];
+                    for (l, entry) in row[inner.tree_range()].iter().enumerate() {
+                        add(M, n, inner.v + l, v, false, *entry);
+                    }
+                    at = inner.parent;
+                }
+            }
+        } else {
+            for t in 0..n {
+                let row = &rows[4 * width * t..4 * width * t + t + 1];
+                let (above, left) = M.split_at_mut(t * n);
+                left[t] = row[t];
+                for ((entry, left), above) in row[..t].iter().zip(left).zip(above[t..].iter_mut().step_by(n)) {
+                    (*left, *above) = (*entry, *entry);
+                }
+            }
+        }
+        for (d, armature) in M.iter_mut().step_by(n + 1).zip(&self.armature) {
+            *d += armature;
         }
     }
 
@@ -92,7 +96,14 @@ impl Multibody {
     }
 
     pub(crate) fn factor(&self, ws: &mut Workspace) -> Result<(), DynamicsError> {
-        ws.tree_factor.copy_from_slice(ws.M.as_slice());
+        if self.has_followers {
+            into_lanes(ws.M.as_slice(), self.nv, &mut ws.tree_factor);
+        } else {
+            ws.tree_factor.copy_from_slice(&ws.tree_rows);
+            for (k, (row, armature)) in ws.tree_factor.chunks_exact_mut(self.nv.div_ceil(4).max(1)).zip(&self.armature).enumerate() {
+                row[k / 4][k % 4] += armature;
+            }
+        }
         tree_factor(&mut ws.tree_factor, &self.before).map_err(|pivot| self.no_inertia(pivot))
     }
 
@@ -103,7 +114,7 @@ impl Multibody {
     pub fn solve_mass_matrix(&self, ws: &Workspace, x: &mut [f64]) -> Result<(), DynamicsError> {
         self.owns(ws)?;
         length("x", x.len(), self.nv)?;
-        tree_solve(&ws.tree_factor, &self.before, x);
+        tree_solve(&ws.tree_factor, x);
         Ok(())
     }
 

@@ -21,7 +21,7 @@ use super::grasp::Held as HeldGrasp;
 use super::point::{Found, Manifold};
 use super::{Contacts, frame_in_world};
 use crate::complementarity::{Problem, rub};
-use crate::linear::cholesky_solve;
+use crate::linear::tree_solve;
 use crate::spatial::{angular, join, linear};
 use crate::{ContactPoint, DynamicsError, Multibody, SpatialVector, Workspace};
 
@@ -322,7 +322,9 @@ impl ContactWorkspace {
         // The base problem stands aside while the problem with contacts stands in its place.
         std::mem::swap(&mut problem.A, &mut self.H);
         std::mem::swap(&mut problem.b, &mut self.rhs);
+        let coupled = std::mem::replace(&mut problem.coupled, true);
         let result = self.newton(contacts, problem, again);
+        problem.coupled = coupled;
         std::mem::swap(&mut problem.A, &mut self.H);
         std::mem::swap(&mut problem.b, &mut self.rhs);
         result
@@ -655,7 +657,7 @@ impl ContactWorkspace {
             for (i, &k) in problem.free.iter().enumerate() {
                 self.short[i] = self.short[k];
             }
-            cholesky_solve(&problem.factor, m, &mut self.short[..m]);
+            tree_solve(&problem.factor, &mut self.short[..m]);
             for (i, &k) in problem.free.iter().enumerate() {
                 problem.v[k] += self.short[i];
             }
