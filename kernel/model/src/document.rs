@@ -33,6 +33,9 @@ pub struct Document {
     /// Named physical effects that the URDF cannot express.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectEntry>,
+    /// How the joints' drives turn a command into an effort; a joint that is not named here is driven by efforts.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub actuators: Vec<Actuator>,
     /// Where and how a parallel gripper can hold it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub grasps: Vec<GraspHint>,
@@ -66,6 +69,7 @@ impl Default for Document {
             category: String::new(),
             movable: false,
             effects: Vec::new(),
+            actuators: Vec::new(),
             grasps: Vec::new(),
             regions: Vec::new(),
             robot: None,
@@ -163,6 +167,89 @@ pub struct EffectEntry {
     /// What is chosen by a word and not by a number, for example `shape: inverse_square`; the effect's default where it is not given.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub choices: BTreeMap<String, String>,
+    /// Why it is believed, where it was found in data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evidence: Option<Evidence>,
+}
+
+/// What measured data say of an effect.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Evidence {
+    /// Interval of each parameter that holds it in 95 of 100 cases.
+    pub intervals: BTreeMap<String, [f64; 2]>,
+    /// Probability of the effect among all that were tried.
+    pub probability: f64,
+    /// Names that the data cannot tell from it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub alternatives: Vec<String>,
+    /// SHA-256 of the recordings that it was fitted to.
+    pub data: Vec<String>,
+    /// SHA-256 of the recordings on which it was held against prediction.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held_out: Vec<String>,
+    /// RMS of the predicted position's error without and with it, in shares of the joints' ranges.
+    pub gap: [f64; 2],
+}
+
+/// The drive of one joint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Actuator {
+    /// The joint that it drives.
+    pub joint: String,
+    /// How a command becomes an effort at the joint.
+    pub law: ActuatorLaw,
+    /// Numbers of the law that are not known well, each with the fraction by which it may be off. They are refitted with the
+    /// model's other known parameters.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub refit: BTreeMap<String, f64>,
+}
+
+/// How a command becomes an effort `tau` at a joint at `q` that moves with `v`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ActuatorLaw {
+    /// `tau = u`, clipped at `max_effort`.
+    Torque {
+        /// Most effort, N m or N.
+        #[serde(default = "unlimited", skip_serializing_if = "is_unlimited")]
+        max_effort: f64,
+    },
+    /// `tau = stiffness (u - q) - damping v`, clipped at `max_effort`: a servo that follows a position.
+    PositionServo {
+        /// N m/rad or N/m.
+        stiffness: f64,
+        /// N m s/rad or N s/m.
+        #[serde(default)]
+        damping: f64,
+        /// Most effort, N m or N.
+        #[serde(default = "unlimited", skip_serializing_if = "is_unlimited")]
+        max_effort: f64,
+    },
+    /// `tau = torque_constant (U - torque_constant v) / resistance`: a motor with brushes, seen through its gear. `U` is the
+    /// commanded voltage; for a commanded position `U = gain (u - q)`, clipped at `max_voltage`. Where the command is empty the
+    /// circuit is open: no effort.
+    DcMotor {
+        /// N m/A at the joint, the same as V s/rad.
+        torque_constant: f64,
+        /// Ohm.
+        resistance: f64,
+        /// V/rad; for commanded positions only.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        gain: Option<f64>,
+        /// Most voltage, V.
+        #[serde(default = "unlimited", skip_serializing_if = "is_unlimited")]
+        max_voltage: f64,
+    },
+}
+
+fn unlimited() -> f64 {
+    f64::INFINITY
+}
+
+fn is_unlimited(limit: &f64) -> bool {
+    *limit == f64::INFINITY
 }
 
 /// A way of holding the object with a parallel gripper.

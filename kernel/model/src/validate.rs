@@ -4,7 +4,9 @@ use std::path::Path;
 
 use crate::document::line_of;
 use crate::text::did_you_mean;
-use crate::{Camera, Configuration, Document, GraspHint, Gripper, JointKind, ModelError, ObjectModel, Region, Robot, XyzRpy};
+use crate::{
+    Actuator, ActuatorLaw, Camera, Configuration, Document, GraspHint, Gripper, JointKind, ModelError, ObjectModel, Region, Robot, XyzRpy,
+};
 
 /// Where an entry stands, and what the model has to check it against.
 struct Check<'a> {
@@ -22,7 +24,7 @@ type Checked = Result<(), ModelError>;
 /// Checks the model's document against its links and joints; `text` is the document's, to say on which line it is wrong.
 pub(crate) fn check(model: &ObjectModel, path: &Path, text: &str) -> Checked {
     let at = |place: String, word: &str| Check { model, path, text, place, word: word.to_owned() };
-    let Document { effects, grasps, regions, robot, refit_tolerance, surface_friction, .. } = &model.document;
+    let Document { effects, actuators, grasps, regions, robot, refit_tolerance, surface_friction, .. } = &model.document;
     at("surface_friction".into(), "surface_friction").positive("surface_friction", *surface_friction)?;
     let tolerance = at("refit_tolerance".into(), "refit_tolerance");
     tolerance.not_negative("mass", refit_tolerance.mass)?;
@@ -39,6 +41,10 @@ pub(crate) fn check(model: &ObjectModel, path: &Path, text: &str) -> Checked {
         for (name, value) in &e.parameters {
             c.finite(name, &[*value])?;
         }
+    }
+    unique(actuators.iter().map(|a| a.joint.as_str()), |n| at(format!("actuator of '{n}'"), n))?;
+    for a in actuators {
+        at(format!("actuator of '{}'", a.joint), &a.joint).actuator(a)?;
     }
     unique(grasps.iter().map(GraspHint::name), |n| at(format!("grasp '{n}'"), n))?;
     for g in grasps {
@@ -138,6 +144,38 @@ impl Check<'_> {
                 here.fail(format!("has the {what} '{name}', which the URDF does not have{}", did_you_mean(name, moving)))
             }
         }
+    }
+
+    fn actuator(&self, a: &Actuator) -> Checked {
+        self.joint("joint", &a.joint)?;
+        let above_zero = |name: &str, x: f64| if x > 0.0 { Ok(()) } else { self.fail(format!("has a {name} of {x}; it must be positive")) };
+        let known: &[&str] = match &a.law {
+            ActuatorLaw::Torque { max_effort } => {
+                above_zero("max_effort", *max_effort)?;
+                &["max_effort"]
+            }
+            ActuatorLaw::PositionServo { stiffness, damping, max_effort } => {
+                self.positive("stiffness", *stiffness)?;
+                self.not_negative("damping", *damping)?;
+                above_zero("max_effort", *max_effort)?;
+                &["stiffness", "damping", "max_effort"]
+            }
+            ActuatorLaw::DcMotor { torque_constant, resistance, gain, max_voltage } => {
+                self.positive("torque_constant", *torque_constant)?;
+                self.positive("resistance", *resistance)?;
+                gain.map_or(Ok(()), |g| self.positive("gain", g))?;
+                above_zero("max_voltage", *max_voltage)?;
+                &["torque_constant", "resistance", "gain", "max_voltage"]
+            }
+        };
+        for (name, fraction) in &a.refit {
+            if !known.contains(&name.as_str()) {
+                let hint = did_you_mean(name, known.iter().copied());
+                return self.fail(format!("has '{name}' under refit, which its law does not have{hint}"));
+            }
+            self.positive(name, *fraction)?;
+        }
+        Ok(())
     }
 
     fn grasp(&self, g: &GraspHint) -> Checked {

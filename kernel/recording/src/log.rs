@@ -1,0 +1,87 @@
+//! The series of one recording.
+
+use sagci_model::ObjectModel;
+
+/// One measured quantity. Times strictly increase, all numbers are finite.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Series {
+    /// Times, s.
+    pub time: Vec<f64>,
+    /// Values at these times.
+    pub value: Vec<f64>,
+}
+
+/// What a command asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum CommandKind {
+    /// An effort, N m or N.
+    Effort,
+    /// A position, rad or m.
+    Position,
+    /// A voltage, V.
+    Voltage,
+}
+
+/// What was measured on one joint.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JointLog {
+    /// Name of the joint.
+    pub name: String,
+    /// Positions, rad or m.
+    pub position: Series,
+    /// Velocities, rad/s or m/s.
+    pub velocity: Option<Series>,
+    /// Efforts, N m or N; positive along the joint's axis.
+    pub effort: Option<Series>,
+    /// What was commanded. A value acts from its time until that of the next one.
+    pub command: Option<(CommandKind, Series)>,
+}
+
+/// A force that was measured at a link.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct WrenchLog {
+    /// The link at whose frame it was measured, and in whose axes it is given.
+    pub link: String,
+    /// Times, s.
+    pub time: Vec<f64>,
+    /// Torque (x, y, z, N m), then force (N), on the link.
+    pub F_L: Vec<[f64; 6]>,
+}
+
+/// Something about the data that was set right, left out or doubted, in a sentence for a person.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// Where: file, line or topic, joint.
+    pub place: String,
+    /// What.
+    pub message: String,
+}
+
+/// One recording: one trajectory of one mechanism.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Log {
+    /// Where it came from, for messages.
+    pub source: String,
+    /// SHA-256 of the file's bytes, in hexadecimal.
+    pub hash: String,
+    /// Joints, in the order in which the recording names them.
+    pub joints: Vec<JointLog>,
+    /// Forces at links.
+    pub wrenches: Vec<WrenchLog>,
+    /// What was found wrong and set right.
+    pub notes: Vec<Note>,
+    /// Its times run on from the recording before it: heat and drift go on.
+    pub continues: bool,
+}
+
+impl Log {
+    /// The series of a joint.
+    pub fn joint(&self, name: &str) -> Option<&JointLog> {
+        self.joints.iter().find(|j| j.name == name)
+    }
+
+    /// Joints of a model that this recording has positions of.
+    pub fn measured<'a>(&'a self, model: &'a ObjectModel) -> impl Iterator<Item = &'a JointLog> {
+        self.joints.iter().filter(|j| model.joint(&j.name).is_some() && !j.position.time.is_empty())
+    }
+}
