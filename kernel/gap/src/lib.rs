@@ -1,2 +1,24 @@
 //! Finds where simulation and measurement disagree, names the missing effect, adds it to the model and shows the gap shrink.
 #![forbid(unsafe_code)]
+
+mod error;
+mod find;
+mod fit;
+mod flexible;
+mod hypothesis;
+mod map;
+mod noise;
+mod observer;
+mod plant;
+pub mod report;
+mod response;
+mod search;
+mod starts;
+mod trajectory;
+mod windows;
+
+pub use error::GapError;
+pub use find::{Found, Options, find};
+pub use flexible::Region;
+pub use report::Report;
+pub use windows::Figures;

@@ -1,0 +1,294 @@
+//! A model with the numbers in it that data may move: what is fitted.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use sagci_dynamics::effects::{self, Description, Prior};
+use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
+
+use crate::GapError;
+use crate::plant::Plant;
+
+/// One number of an object model.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Knob {
+    /// Factor on a link's mass and rotational inertia.
+    Mass(usize),
+    /// One coordinate of a link's centre of mass, m.
+    CenterOfMass(usize, usize),
+    /// Factor on a link's rotational inertia alone.
+    Inertia(usize),
+    /// URDF damping of a joint.
+    Damping(usize),
+    /// URDF dry friction of a joint.
+    Friction(usize),
+    /// A number of a drive's law.
+    Actuator(usize, String),
+    /// A parameter of an effect, by its entry in `model.yaml`.
+    Effect(usize, &'static str),
+}
+
+/// One number to be fitted. `x` is the number itself, or its logarithm.
+#[derive(Debug, Clone)]
+pub(crate) struct Fitted {
+    pub knob: Knob,
+    pub unit: &'static str,
+    /// `x` is the logarithm.
+    pub logarithmic: bool,
+    /// Bounds of `x`.
+    pub bounds: [f64; 2],
+    /// Prior mean and standard deviation of `x`.
+    pub prior: [f64; 2],
+    /// Change of `x` by which derivatives are taken.
+    pub difference: f64,
+}
+
+impl Fitted {
+    pub fn value(&self, x: f64) -> f64 {
+        if self.logarithmic { x.exp() } else { x }
+    }
+
+    pub fn coordinate(&self, value: f64) -> f64 {
+        if self.logarithmic { value.max(1e-300).ln() } else { value }
+    }
+}
+
+/// A model, what may be moved in it, and where it stands.
+#[derive(Debug, Clone)]
+pub(crate) struct Hypothesis {
+    pub model: ObjectModel,
+    pub fitted: Vec<Fitted>,
+    pub x: Vec<f64>,
+    /// How many of the first are the model's own known numbers.
+    pub known: usize,
+}
+
+/// How far a logarithm may move from its prior, in standard deviations; keeps numbers finite.
+const REACH: f64 = 12.0;
+
+/// A number whose whole prior moves the errors by less than this share of their noise is not seen.
+const SEEN: f64 = 0.3;
+
+impl Hypothesis {
+    /// The model as given, with what counts as known and may be refitted.
+    pub fn known(model: &ObjectModel, joints: &[usize]) -> Self {
+        let mut this = Self { model: model.clone(), fitted: Vec::new(), x: Vec::new(), known: 0 };
+        let tolerance = model.document.refit_tolerance;
+        let mut push = |knob, unit, logarithmic, bounds, prior: [f64; 2], difference, x: f64| {
+            this.fitted.push(Fitted { knob, unit, logarithmic, bounds, prior, difference });
+            this.x.push(x);
+        };
+        for &i in joints {
+            let joint = &model.joints[i];
+            let prismatic = usize::from(joint.kind == JointKind::Prismatic);
+            let units = [["N m s/rad", "N s/m"][prismatic], ["N m", "N"][prismatic]];
+            for (value, knob, unit) in [(joint.damping, Knob::Damping(i), units[0]), (joint.friction, Knob::Friction(i), units[1])] {
+                if value > 0.0 {
+                    let x = value.ln();
+                    push(knob, unit, true, [x - REACH, x + REACH], [x, 1.0], 1e-3, x);
+                }
+            }
+        }
+        // Only links that some joint moves have a say.
+        let mut moves = vec![false; model.links.len()];
+        for joint in &model.joints {
+            moves[joint.child] = moves[joint.parent] || joint.kind != JointKind::Fixed;
+        }
+        for (l, link) in model.links.iter().enumerate() {
+            if !moves[l] || link.inertial.mass <= 0.0 {
+                continue;
+            }
+            if tolerance.mass > 0.0 {
+                let (bounds, prior) = ([-tolerance.mass, tolerance.mass], [0.0, tolerance.mass]);
+                push(Knob::Mass(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
+                push(Knob::Inertia(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
+            }
+            if tolerance.center_of_mass > 0.0 {
+                for axis in 0..3 {
+                    let t = tolerance.center_of_mass;
+                    push(Knob::CenterOfMass(l, axis), "m", false, [-t, t], [0.0, t], 0.05 * t, 0.0);
+                }
+            }
+        }
+        for (a, actuator) in model.document.actuators.iter().enumerate() {
+            for (name, fraction) in &actuator.refit {
+                let Some(value) = number(&actuator.law, name) else { continue };
+                let x = value.ln();
+                push(Knob::Actuator(a, name.clone()), "", true, [x - 3.0 * fraction, x + 3.0 * fraction], [x, *fraction], 1e-3, x);
+            }
+        }
+        // Effects that the model already has are known, too.
+        for (e, entry) in model.document.effects.iter().enumerate() {
+            let prismatic = entry.joint.as_ref().and_then(|j| model.joint(j)).is_some_and(|i| model.joints[i].kind == JointKind::Prismatic);
+            if let Ok((effect, values)) = effects::parameters_of(entry) {
+                for (fitted, x) in of_effect(effect.description(), e, prismatic, &values) {
+                    let wide = [x, fitted.prior[1]];
+                    this.fitted.push(Fitted { prior: wide, ..fitted });
+                    this.x.push(x);
+                }
+            }
+        }
+        this.known = this.x.len();
+        this
+    }
+
+    /// The same with fewer inertial numbers: those of which the data see nothing but what others show as well give their room to
+    /// these. `jacobian` are derivatives of the errors by all numbers.
+    ///
+    /// On one joint, mass, centre of mass and inertia act through one or a few sums; each costs a run of the simulator.
+    pub fn condensed(&self, jacobian: &[DVector<f64>], scale: f64) -> Self {
+        let inertial = |k: &Knob| matches!(k, Knob::Mass(_) | Knob::Inertia(_) | Knob::CenterOfMass(..));
+        let size = |i: usize| jacobian[i].norm() * self.fitted[i].prior[1] / scale;
+        let mut candidates: Vec<usize> = (0..self.known).filter(|i| inertial(&self.fitted[*i].knob)).collect();
+        candidates.sort_by(|a, b| size(*b).total_cmp(&size(*a)));
+        let mut this = self.clone();
+        let mut kept: Vec<usize> = Vec::new();
+        for i in candidates {
+            let deviation = self.fitted[i].prior[1];
+            // What it is in terms of those kept already.
+            let matrix = DMatrix::from_fn(kept.len(), kept.len(), |a, b| {
+                jacobian[kept[a]].dot(&jacobian[kept[b]]) + if a == b { 1e-9 * jacobian[kept[a]].norm_squared() } else { 0.0 }
+            });
+            let right = DVector::from_fn(kept.len(), |a, _| jacobian[kept[a]].dot(&jacobian[i]));
+            let share = Cholesky::new(matrix).map_or_else(|| DVector::zeros(kept.len()), |c| c.solve(&right));
+            let mut rest = jacobian[i].clone();
+            for (a, k) in kept.iter().enumerate() {
+                rest.axpy(-share[a], &jacobian[*k], 1.0);
+            }
+            if rest.norm() * deviation / scale > SEEN {
+                kept.push(i);
+                continue;
+            }
+            for (a, k) in kept.iter().enumerate() {
+                let room = &mut this.fitted[*k];
+                room.prior[1] = room.prior[1].hypot(share[a] * deviation);
+                let more = share[a].abs() * self.fitted[i].bounds[1];
+                room.bounds = [room.bounds[0] - more, room.bounds[1] + more];
+            }
+        }
+        let stays = |i: &usize| !inertial(&self.fitted[*i].knob) || kept.contains(i);
+        let left: Vec<usize> = (0..self.x.len()).filter(stays).collect();
+        this.known = left.iter().filter(|i| **i < self.known).count();
+        this.fitted = left.iter().map(|i| this.fitted[*i].clone()).collect();
+        this.x = left.iter().map(|i| self.x[*i]).collect();
+        this
+    }
+
+    /// The same with one more effect, its parameters at the values given.
+    pub fn with(&self, effect: &str, joint: Option<&str>, values: &[f64]) -> Result<Self, GapError> {
+        let description = effects::find(effect)?.description();
+        let mut entry = EffectEntry { effect: effect.into(), joint: joint.map(Into::into), ..EffectEntry::default() };
+        for (parameter, value) in description.parameters.iter().zip(values) {
+            match parameter.words.get(*value as usize) {
+                Some(word) => drop(entry.choices.insert(parameter.name.into(), (*word).into())),
+                None => drop(entry.parameters.insert(parameter.name.into(), *value)),
+            }
+        }
+        let prismatic = joint.and_then(|j| self.model.joint(j)).is_some_and(|i| self.model.joints[i].kind == JointKind::Prismatic);
+        let mut this = self.clone();
+        let index = this.model.document.effects.len();
+        this.model.document.effects.push(entry);
+        for (fitted, x) in of_effect(description, index, prismatic, values) {
+            this.fitted.push(fitted);
+            this.x.push(x);
+        }
+        Ok(this)
+    }
+
+    /// The same without one of its effects.
+    pub fn without(&self, entry: usize) -> Self {
+        let mut this = self.clone();
+        this.model.document.effects.remove(entry);
+        let kept: Vec<usize> = (0..self.x.len()).filter(|i| !matches!(self.fitted[*i].knob, Knob::Effect(e, _) if e == entry)).collect();
+        this.x = kept.iter().map(|i| self.x[*i]).collect();
+        this.fitted = kept.iter().map(|i| self.fitted[*i].clone()).collect();
+        for fitted in &mut this.fitted {
+            if let Knob::Effect(e, _) = &mut fitted.knob {
+                *e -= usize::from(*e > entry);
+            }
+        }
+        this
+    }
+
+    /// The object model at `x`.
+    pub fn model_at(&self, x: &[f64]) -> ObjectModel {
+        let mut model = self.model.clone();
+        for (fitted, x) in self.fitted.iter().zip(x) {
+            let value = fitted.value(*x);
+            match &fitted.knob {
+                Knob::Mass(l) => {
+                    let inertial = &mut model.links[*l].inertial;
+                    inertial.mass *= 1.0 + value;
+                    inertial.I_LLcm_L *= 1.0 + value;
+                }
+                Knob::Inertia(l) => model.links[*l].inertial.I_LLcm_L *= 1.0 + value,
+                Knob::CenterOfMass(l, axis) => model.links[*l].inertial.p_LoLcm[*axis] += value,
+                Knob::Damping(j) => model.joints[*j].damping = value,
+                Knob::Friction(j) => model.joints[*j].friction = value,
+                Knob::Actuator(a, name) => set_number(&mut model.document.actuators[*a].law, name, value),
+                Knob::Effect(e, name) => drop(model.document.effects[*e].parameters.insert((*name).into(), value)),
+            }
+        }
+        model
+    }
+
+    /// The simulator at `x`.
+    pub fn plant(&self, x: &[f64], limits: &[bool], step: f64) -> Result<Plant, GapError> {
+        Plant::new(&self.model_at(x), limits, step)
+    }
+
+    /// Minus the logarithm of the prior, up to a constant.
+    pub fn prior(&self, x: &[f64]) -> f64 {
+        self.fitted.iter().zip(x).map(|(f, x)| 0.5 * ((x - f.prior[0]) / f.prior[1]).powi(2)).sum()
+    }
+}
+
+/// The parameters of an effect that can be fitted, with where they stand.
+fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
+    let side = usize::from(prismatic);
+    let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
+    numbers
+        .filter_map(|(parameter, value)| {
+            let (logarithmic, mean, deviation) = match parameter.prior[side] {
+                Prior::LogNormal { median, spread } => (true, median.ln(), spread),
+                Prior::Normal { mean, deviation } => (false, mean, deviation),
+                Prior::OneOf(_) => return None,
+            };
+            let [least, most] = parameter.bounds;
+            let bounds = match logarithmic {
+                true => [(mean - REACH * deviation).max(least.max(1e-12).ln()), (mean + REACH * deviation).min(most.ln())],
+                false => [least.max(mean - 100.0 * deviation), most.min(mean + 100.0 * deviation)],
+            };
+            let difference = if logarithmic { 2e-3 } else { 2e-3 * deviation };
+            let knob = Knob::Effect(entry, parameter.name);
+            let fitted = Fitted { knob, unit: parameter.unit[side], logarithmic, bounds, prior: [mean, deviation], difference };
+            let x = fitted.coordinate(*value).clamp(bounds[0], bounds[1]);
+            Some((fitted, x))
+        })
+        .collect()
+}
+
+fn number(law: &ActuatorLaw, name: &str) -> Option<f64> {
+    match (law, name) {
+        (ActuatorLaw::Torque { max_effort } | ActuatorLaw::PositionServo { max_effort, .. }, "max_effort") => Some(*max_effort),
+        (ActuatorLaw::PositionServo { stiffness, .. }, "stiffness") => Some(*stiffness),
+        (ActuatorLaw::PositionServo { damping, .. }, "damping") => Some(*damping),
+        (ActuatorLaw::DcMotor { torque_constant, .. }, "torque_constant") => Some(*torque_constant),
+        (ActuatorLaw::DcMotor { resistance, .. }, "resistance") => Some(*resistance),
+        (ActuatorLaw::DcMotor { gain, .. }, "gain") => *gain,
+        (ActuatorLaw::DcMotor { max_voltage, .. }, "max_voltage") => Some(*max_voltage),
+        _ => None,
+    }
+    .filter(|x| x.is_finite() && *x > 0.0)
+}
+
+fn set_number(law: &mut ActuatorLaw, name: &str, value: f64) {
+    match (law, name) {
+        (ActuatorLaw::Torque { max_effort } | ActuatorLaw::PositionServo { max_effort, .. }, "max_effort") => *max_effort = value,
+        (ActuatorLaw::PositionServo { stiffness, .. }, "stiffness") => *stiffness = value,
+        (ActuatorLaw::PositionServo { damping, .. }, "damping") => *damping = value,
+        (ActuatorLaw::DcMotor { torque_constant, .. }, "torque_constant") => *torque_constant = value,
+        (ActuatorLaw::DcMotor { resistance, .. }, "resistance") => *resistance = value,
+        (ActuatorLaw::DcMotor { gain, .. }, "gain") => *gain = Some(value),
+        (ActuatorLaw::DcMotor { max_voltage, .. }, "max_voltage") => *max_voltage = value,
+        _ => {}
+    }
+}

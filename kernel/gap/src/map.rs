@@ -1,0 +1,38 @@
+//! Where a model and data disagree: the most likely force without a name, joint by joint.
+
+use rayon::prelude::*;
+
+use crate::GapError;
+use crate::fit::Fit;
+use crate::flexible;
+use crate::report::Where;
+use crate::response::Response;
+use crate::search::Search;
+
+/// Joints on which a force is lacking, the worst first.
+///
+/// Its probability by chance is at most the inverse of its Bayes factor (Markov's inequality; Vovk and Wang 2021).
+pub(crate) fn places(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<Where>, GapError> {
+    let runs = search.runs(fit)?;
+    let typical = search.typical_force();
+    let mut found: Vec<Where> = (0..search.names.len())
+        .into_par_iter()
+        .filter_map(|j| {
+            let found = flexible::nameless(&Response::new(search, fit, &runs, j), scale, typical[j])?;
+            let share = if found.evidence > 0.0 { (found.force / typical[j].max(1e-12)).powi(2) } else { 0.0 };
+            Some(Where {
+                joint: search.names[j].clone(),
+                channel: "joint".into(),
+                region: found.region,
+                share,
+                p_value: (-found.evidence).exp().min(1.0),
+            })
+        })
+        .collect();
+    let total: f64 = found.iter().map(|w| w.share).sum();
+    for place in &mut found {
+        place.share = if total > 0.0 { place.share / total } else { 0.0 };
+    }
+    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    Ok(found)
+}

@@ -1,0 +1,191 @@
+//! Prediction errors of a model along measured motion (Ljung 1999, chapter 7).
+//!
+//! The simulator runs along the data. At each sample its state is moved towards the measurement by the gain of a steady Kalman filter
+//! for `q' = v`, `v' = a_model + noise`:
+//!
+//! ```text
+//! e_k = y_k - y(x_k),   x_k <- x_k + K_k e_k,   x_k+1 = simulate(x_k, u_k)
+//! ```
+//!
+//! If the model is right, the errors `e_k` are white with variance `S_k = P + sigma^2`. The gain depends on time and on the noises
+//! alone, never on the model's parameters. So `e` is a smooth function of these, each error depends on the motion of a short time
+//! only, and least squares over `e / sqrt(S)` is a well-conditioned problem even where a model is far off.
+
+use crate::GapError;
+use crate::plant::{Motion, Plant};
+use crate::trajectory::Trajectory;
+
+/// Standard deviations, by joint.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Noise {
+    /// Of measured positions, rad or m.
+    pub position: Vec<f64>,
+    /// Of accelerations that no model has, each held over one interval, rad/s^2 or m/s^2.
+    pub acceleration: Vec<f64>,
+}
+
+/// Gains of one trajectory.
+#[derive(Debug, Clone)]
+pub(crate) struct Gains {
+    joints: usize,
+    /// Position and velocity gain, and the standard deviation of the prediction error, by row and joint; zeros where nothing was
+    /// measured.
+    rows: Vec<[f64; 3]>,
+    /// Covariance (qq, qv, vv) before and after the measurement, by row and joint.
+    before: Vec<[f64; 3]>,
+    after: Vec<[f64; 3]>,
+}
+
+/// First guess of velocities, in shares of what the range and the sampling suggest.
+const FIRST_POSITION: f64 = 0.03;
+
+impl Gains {
+    pub fn new(trajectory: &Trajectory, noise: &Noise) -> Self {
+        let (n, rows) = (trajectory.joints, trajectory.rows());
+        let zero = vec![[0.0; 3]; rows * n];
+        let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero };
+        for j in 0..n {
+            let variance = noise.position[j] * noise.position[j];
+            let mut p = [0.0; 3];
+            for k in 0..rows {
+                if trajectory.starts.contains(&k) {
+                    p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
+                } else {
+                    let h = trajectory.time[k] - trajectory.time[k - 1];
+                    let q = noise.acceleration[j] * noise.acceleration[j];
+                    let [a, b, c] = p;
+                    p = [a + 2.0 * h * b + h * h * c + q * h.powi(4) / 4.0, b + h * c + q * h.powi(3) / 2.0, c + q * h * h];
+                }
+                let at = k * n + j;
+                gains.before[at] = p;
+                if trajectory.position[at].is_finite() {
+                    let s = p[0] + variance;
+                    let gain = [p[0] / s, p[1] / s];
+                    gains.rows[at] = [gain[0], gain[1], s.sqrt()];
+                    p = [p[0] * (1.0 - gain[0]), p[1] * (1.0 - gain[0]), p[2] - gain[1] * p[1]];
+                }
+                gains.after[at] = p;
+            }
+        }
+        gains
+    }
+
+    /// Sum of the logarithms of the errors' standard deviations, and their number.
+    /// Position and velocity gain, and the standard deviation of the prediction error, by row and joint.
+    pub fn rows(&self) -> &[[f64; 3]] {
+        &self.rows
+    }
+
+    pub fn log_determinant(&self) -> f64 {
+        self.rows.iter().filter(|r| r[2] > 0.0).map(|r| r[2].ln()).sum()
+    }
+
+    /// Standard deviation of the prediction error of an entry; zero where nothing was measured.
+    pub fn deviation(&self, entry: usize) -> f64 {
+        self.rows[entry][2]
+    }
+
+    /// Velocity gain over the interval of time: what acceleration an error stands for.
+    pub fn acceleration(&self, trajectory: &Trajectory, k: usize, j: usize) -> f64 {
+        let h = trajectory.time[k] - trajectory.time[k.max(1) - 1];
+        if k == 0 || h <= 0.0 { 0.0 } else { self.rows[k * self.joints + j][1] / h }
+    }
+}
+
+/// States along a run, row by row, as the filter has them after each measurement.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Run {
+    pub q: Vec<f64>,
+    pub v: Vec<f64>,
+    /// What the model predicted for the row from the one before.
+    pub q_predicted: Vec<f64>,
+    pub v_predicted: Vec<f64>,
+    /// Inner states of effects after the row.
+    pub z: Vec<f64>,
+    /// Effort of the drive, and force of gravity and Coriolis, on the way to the row.
+    pub tau: Vec<f64>,
+    pub load: Vec<f64>,
+    /// Inverse of the mass matrix on the way to the row, joints x joints.
+    pub inverse: Vec<f64>,
+}
+
+/// Runs a plant along a trajectory. `errors` gets one normalised prediction error by row and joint, zero where nothing was measured.
+/// `z` are the inner states to start from, and those at the end.
+pub(crate) fn run(
+    plant: &Plant,
+    trajectory: &Trajectory,
+    gains: &Gains,
+    motion: &mut Motion,
+    errors: &mut Vec<f64>,
+    mut record: Option<&mut Run>,
+) -> Result<(), GapError> {
+    let n = trajectory.joints;
+    if !trajectory.continues {
+        motion.state.z.fill(0.0);
+    }
+    for k in 0..trajectory.rows() {
+        if trajectory.starts.contains(&k) {
+            for j in 0..n {
+                motion.state.v[j] = 0.0;
+                motion.acceleration[j] = 0.0;
+                let first = trajectory.position.iter().skip(k * n + j).step_by(n).find(|y| y.is_finite());
+                motion.state.q[j] = first.copied().unwrap_or(0.0);
+            }
+            plant.clamp(motion);
+        } else {
+            plant.interval(motion, trajectory, k - 1)?;
+        }
+        motion.state.time = trajectory.time[k];
+        if let Some(run) = record.as_deref_mut() {
+            run.q_predicted.extend_from_slice(&motion.state.q);
+            run.v_predicted.extend_from_slice(&motion.state.v);
+        }
+        for j in 0..n {
+            let [gain_q, gain_v, deviation] = gains.rows[k * n + j];
+            if deviation == 0.0 {
+                errors.push(0.0);
+                continue;
+            }
+            let e = trajectory.position[k * n + j] - plant.reading(motion, j);
+            errors.push(e / deviation);
+            motion.state.q[j] += gain_q * e;
+            motion.state.v[j] += gain_v * e;
+        }
+        plant.clamp(motion);
+        if let Some(run) = record.as_deref_mut() {
+            run.q.extend_from_slice(&motion.state.q);
+            run.v.extend_from_slice(&motion.state.v);
+            run.z.extend_from_slice(&motion.state.z);
+            run.tau.extend_from_slice(motion.tau());
+            run.load.extend_from_slice(motion.ws.load());
+            plant.inverse_mass(motion, &mut run.inverse);
+        }
+    }
+    Ok(())
+}
+
+/// Smooths a run backwards (Rauch, Tung and Striebel 1965), with the filter's own covariances.
+pub(crate) fn smooth(run: &mut Run, trajectory: &Trajectory, gains: &Gains) {
+    let n = trajectory.joints;
+    for k in (0..trajectory.rows().saturating_sub(1)).rev() {
+        if trajectory.starts.contains(&(k + 1)) {
+            continue;
+        }
+        let h = trajectory.time[k + 1] - trajectory.time[k];
+        for j in 0..n {
+            let (here, next) = (k * n + j, (k + 1) * n + j);
+            let ([a, b, c], [d, e, f]) = (gains.after[here], gains.before[next]);
+            let determinant = d * f - e * e;
+            if !(determinant > 0.0) {
+                continue;
+            }
+            // P F^T inverse(P-), F = [1 h; 0 1].
+            let left = [[a + h * b, b], [b + h * c, c]];
+            let inverse = [[f / determinant, -e / determinant], [-e / determinant, d / determinant]];
+            let g = |r: usize, s: usize| left[r][0] * inverse[0][s] + left[r][1] * inverse[1][s];
+            let (dq, dv) = (run.q[next] - run.q_predicted[next], run.v[next] - run.v_predicted[next]);
+            run.q[here] += g(0, 0) * dq + g(0, 1) * dv;
+            run.v[here] += g(1, 0) * dq + g(1, 1) * dv;
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! What a force that the model lacks does to its prediction errors, to first order: the screen before any exact fit.
+//!
+//! Along a run of the base model, an effect's force `dtau_k` is a function of positions, velocities, inputs and times that are known.
+//! It changes the prediction errors by the filter's own linear response,
+//!
+//! ```text
+//! de_k = -dq_k,   dx_k <- (1 - K C) dx_k,   dx_k+1 = [1 h; 0 1 - h d M^-1] dx_k - [h^2/2; h] M^-1 dtau_k
+//! ```
+//!
+//! which costs a few operations a row, where a run of the simulator costs thousands.
+
+use nalgebra::{DMatrix, DVector};
+use sagci_dynamics::effects::{Advance, Effect, HISTORY, Instant, Resistance};
+
+use crate::fit::Fit;
+use crate::flexible::Place;
+use crate::observer::Run;
+use crate::search::Search;
+
+/// The rows of a base run, for one joint.
+#[derive(Debug)]
+pub(crate) struct Response {
+    rows: Vec<Row>,
+    joints: usize,
+    joint: usize,
+    /// Gains and deviations by row and joint.
+    gains: Vec<[f64; 3]>,
+    /// Column of the inverse mass matrix, by row.
+    inverse: Vec<f64>,
+    /// Rate at which velocities decay, by joint.
+    decay: Vec<f64>,
+    /// Errors of the base model without what its known numbers can explain, and an orthonormal basis of that.
+    pub errors: DVector<f64>,
+    basis: DMatrix<f64>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    q: f64,
+    v: f64,
+    next: f64,
+    h: f64,
+    input: f64,
+    load: f64,
+    time: f64,
+    /// The first row of a stretch; the row that a new trajectory begins with.
+    start: bool,
+    fresh: bool,
+}
+
+impl Response {
+    pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize) -> Self {
+        let n = search.names.len();
+        let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
+        for ((trajectory, all), run) in search.problem.trajectories.iter().zip(&search.problem.gains).zip(runs) {
+            for k in 0..trajectory.rows() {
+                let i = k * n + joint;
+                let start = trajectory.starts.contains(&k);
+                let last = k + 1 == trajectory.rows() || trajectory.starts.contains(&(k + 1));
+                rows.push(Row {
+                    q: run.q[i],
+                    v: run.v[i],
+                    next: if last { run.v[i] } else { run.v_predicted[i + n] },
+                    h: if last { 0.0 } else { trajectory.time[k + 1] - trajectory.time[k] },
+                    input: if last { 0.0 } else { run.tau[i + n] },
+                    load: if last { 0.0 } else { run.load[i + n] },
+                    time: trajectory.time[k],
+                    start,
+                    fresh: k == 0 && !trajectory.continues,
+                });
+                inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
+            }
+            gains.extend_from_slice(all.rows());
+        }
+        let model = base.hypothesis.model_at(&base.hypothesis.x);
+        let decay = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
+        let count = base.errors.len();
+        let mut basis: Vec<DVector<f64>> = Vec::new();
+        for column in &base.jacobian {
+            let norm = column.norm();
+            let mut rest = column.clone();
+            for _ in 0..2 {
+                for b in &basis {
+                    let dot = b.dot(&rest);
+                    rest.axpy(-dot, b, 1.0);
+                }
+            }
+            if rest.norm() > 1e-6 * norm && norm > 0.0 {
+                basis.push(rest.normalize());
+            }
+        }
+        let basis = if basis.is_empty() { DMatrix::zeros(count, 0) } else { DMatrix::from_columns(&basis) };
+        let errors = base.errors.clone() - &basis * basis.tr_mul(&base.errors);
+        Self { rows, joints: n, joint, gains, inverse, decay, errors, basis }
+    }
+
+    /// Without what the base model's own numbers can explain.
+    pub fn project(&self, change: DVector<f64>) -> DVector<f64> {
+        let along = self.basis.tr_mul(&change);
+        change - &self.basis * along
+    }
+
+    /// The forces of an effect along the base run.
+    pub fn forces(&self, effect: &dyn Effect, theta: &[f64]) -> Vec<f64> {
+        let inner = effect.states();
+        let mut z = vec![0.0; inner + if effect.keeps_history() { 2 * HISTORY } else { 0 }];
+        let mut forces = Vec::with_capacity(self.rows.len());
+        for row in &self.rows {
+            if row.fresh {
+                z.fill(0.0);
+            }
+            let at = Instant { q: row.q, v: row.v, next: row.next, dt: row.h, input: row.input, load: row.load, time: row.time, z: &z };
+            let mut out = Resistance::default();
+            effect.resist(theta, &at, &mut out);
+            forces.push(out.total(row.next).value);
+            if inner > 0 && row.h > 0.0 {
+                let mut advance = Advance::default();
+                effect.advance(theta, &at, &mut advance);
+                for (z, next) in z.iter_mut().zip(advance.z.iter().take(inner)) {
+                    *z = next.value;
+                }
+            }
+        }
+        forces
+    }
+
+    /// The change of all normalised prediction errors by forces on the joint.
+    pub fn errors_of(&self, forces: &[f64]) -> DVector<f64> {
+        let n = self.joints;
+        let mut errors = DVector::zeros(self.rows.len() * n);
+        for i in 0..n {
+            let (mut q, mut v) = (0.0, 0.0);
+            for (k, row) in self.rows.iter().enumerate() {
+                if row.start {
+                    (q, v) = (0.0, 0.0);
+                }
+                let [gain_q, gain_v, deviation] = self.gains[k * n + i];
+                if deviation > 0.0 {
+                    errors[k * n + i] = -q / deviation;
+                    v -= gain_v * q;
+                    q -= gain_q * q;
+                }
+                let a = -self.inverse[k * n + i] * forces[k];
+                q += row.h * v + 0.5 * row.h * row.h * a;
+                v += row.h * (a - self.decay[i] * v);
+            }
+        }
+        errors
+    }
+
+    /// What the force of each row may depend on.
+    pub fn places(&self) -> Vec<Place> {
+        let (mut run, mut since, mut before) = (0.0, 0.0, 0.0);
+        self.rows
+            .iter()
+            .map(|row| {
+                run += row.h;
+                since = if row.start || row.v * before < 0.0 { 0.0 } else { since + row.h };
+                before = row.v;
+                Place { q: row.q, v: row.v, input: row.input, time: row.time, run, since }
+            })
+            .collect()
+    }
+
+    /// Force that the model lacks in each row, by the correction that the filter made.
+    pub fn lacking(&self, errors: &DVector<f64>) -> Vec<f64> {
+        let (n, j) = (self.joints, self.joint);
+        let force = |k: usize| {
+            let [_, gain, deviation] = self.gains[k * n + j];
+            let (h, inverse) = (self.rows[k].h, self.inverse[k * n + j]);
+            if h > 0.0 && inverse > 0.0 { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
+        };
+        (0..self.rows.len()).map(force).collect()
+    }
+}

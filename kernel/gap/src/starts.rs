@@ -1,0 +1,124 @@
+//! Where the fit of an effect begins: sizes from the data's own forces, speeds and range.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use sagci_dynamics::effects::Acts;
+
+/// What the data of one joint look like, seen by a model.
+#[derive(Debug, Clone)]
+pub(crate) struct JointView {
+    /// RMS of the force that the model lacks, N m or N.
+    pub force: f64,
+    /// RMS of velocities.
+    pub speed: f64,
+    /// Positions that were reached.
+    pub range: [f64; 2],
+    /// Inertia that a drive at the joint feels.
+    pub inertia: f64,
+    /// Greatest input.
+    pub input: f64,
+    /// Positions at which the lacking force stands out, the most conspicuous first.
+    pub places: Vec<f64>,
+    /// Cycles a turn at which the lacking force repeats, the strongest first.
+    pub cycles: Vec<f64>,
+    /// Length of the data in time, s.
+    pub duration: f64,
+    /// Usual sample time, s.
+    pub period: f64,
+    /// Mass of what the joint moves, kg, and where it is in the link's frame, m.
+    pub mass: f64,
+    pub p_LoLcm: [f64; 3],
+    /// The joint's axis in the link's frame.
+    pub axis: [f64; 3],
+}
+
+/// Values of an effect's parameters, in its order, at which fits begin.
+pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
+    let JointView { force: f, speed: v, inertia: m, range: [low, high], period: h, .. } = *view;
+    let r = (high - low).max(1e-6);
+    let v = v.max(1e-6);
+    let middle = 0.5 * (low + high);
+    let places: Vec<f64> = view.places.iter().copied().take(4).collect();
+    let each = |make: &dyn Fn(f64) -> Vec<f64>, values: &[f64]| values.iter().map(|x| make(*x)).collect::<Vec<_>>();
+    match effect {
+        "viscous_friction" => vec![vec![f / v]],
+        "coulomb_friction" => vec![vec![f]],
+        "asymmetric_friction" => vec![vec![f, 0.5 * f, 0.2 * f / v, 0.2 * f / v], vec![0.5 * f, f, 0.2 * f / v, 0.2 * f / v]],
+        "stribeck_friction" => each(&|s| vec![0.6 * f, 1.2 * f, s, 2.0], &[v / 30.0, v / 8.0, v / 2.5]),
+        "quadratic_drag" => vec![vec![f / (v * v)]],
+        "presliding_hysteresis" => each(&|s| vec![f / (s * r), 0.02 * f / v, f, 1.2 * f, v / 8.0], &[1e-3, 6e-3, 3e-2]),
+        "load_dependent_friction" => vec![vec![0.1]],
+        "position_dependent_friction" => {
+            let mut all = each(&|p| vec![0.5 * f, f, p, r / 8.0], &places);
+            all.push(vec![f, -0.5 * f, middle, r / 6.0]);
+            all
+        }
+        "joint_spring" => each(&|q0| vec![f / r, q0], &[middle, low - 0.5 * r, high + 0.5 * r]),
+        "hinge_tilt" => vec![vec![f, 0.0], vec![f, FRAC_PI_2]],
+        "cable_hysteresis" => each(&|l| vec![0.5 * f / r, middle, f, l * r, 0.1 * f / v], &[0.02, 0.1]),
+        "torque_bias" => vec![vec![0.3 * f]],
+        "magnetic_gasket" => {
+            let mut all = Vec::new();
+            for shape in [0.0, 1.0] {
+                all.extend(each(&|w| vec![2.0 * f, w * r, shape], &[0.01, 0.05]));
+            }
+            all
+        }
+        "air_suction" => {
+            [0.5, 6.0].iter().flat_map(|t| each(&|s| vec![f / (0.05 * r), *t, s], &[low + 0.03 * r, low + 0.15 * r, 0.0])).collect()
+        }
+        "latch" => {
+            let mut at = vec![low.max(0.0) + 0.02 * r];
+            at.extend(&places);
+            at.iter().take(4).flat_map(|p| each(&|w| vec![4.0 * f, 1.5 * f, *p, w * r], &[0.02, 0.08])).collect()
+        }
+        "detent" => places.iter().flat_map(|p| each(&|w| vec![2.0 * f, *p, w * r], &[0.02, 0.06])).collect(),
+        "soft_close_damper" => each(&|s| vec![2.0 * f / v, low + s * r, 0.5 * f / r], &[0.15, 0.35, 0.6]),
+        "hard_stop" => {
+            let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
+            vec![vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]]
+        }
+        "backlash" => [1.0 / 400.0, 1.0 / 60.0].iter().flat_map(|g| each(&|e| vec![g * r, 0.2 * m, e], &[0.0, 1.0])).collect(),
+        "joint_elasticity" => {
+            let k = |hz: f64| 0.2 * m * (TAU * hz).powi(2);
+            let modes = [4.0, 12.0, 30.0];
+            modes.iter().flat_map(|hz| each(&|e| vec![k(*hz), 0.1 * k(*hz) / (TAU * hz), 0.25 * m, e], &[0.0, 1.0])).collect()
+        }
+        "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
+        "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),
+        "actuator_lag" => each(&|t| vec![t], &[h.max(0.004), 0.015]),
+        "armature_inertia" => vec![vec![0.1 * m]],
+        "torque_gain" => vec![vec![0.05]],
+        "actuator_saturation" => each(&|s| vec![s * view.input], &[0.85, 0.6]),
+        "payload" => {
+            let [x, y, z] = view.p_LoLcm;
+            vec![vec![0.2 * view.mass, x, y, z]]
+        }
+        "joint_axis_error" => {
+            // Two directions across the axis.
+            let a = nalgebra::Vector3::from(view.axis);
+            let other = if a.x.abs() < 0.8 { nalgebra::Vector3::x() } else { nalgebra::Vector3::y() };
+            let first = a.cross(&other).normalize();
+            let second = a.cross(&first);
+            [first, second].iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect()
+        }
+        "encoder_offset" => vec![vec![0.005, 0.0], vec![0.0, 0.01]],
+        "sensor_drift" => vec![vec![0.005, 0.0, 0.0], vec![0.0, 0.01 / view.duration, 0.0]],
+        "clock_skew" => each(&|s| vec![s], &[h.max(0.003)]),
+        "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
+        "unmodelled_mode" => {
+            let mass = 10.0 * view.mass.max(0.1);
+            [3.0, 8.0, 20.0].iter().flat_map(|hz| each(&|d| vec![*hz, 0.05, mass, d], &[0.0, 1.0, 2.0])).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Can the effect show in data that were driven in this way?
+pub(crate) fn observable(acts: Acts, takes_input: bool, commanded: bool, driven: bool) -> bool {
+    match acts {
+        // A measured effort says nothing of what was commanded.
+        Acts::Command(_) => commanded,
+        _ => !takes_input || driven,
+    }
+}

@@ -1,0 +1,179 @@
+//! Measured series on one grid of times, as the simulator takes them.
+//!
+//! The grid holds every time at which something was measured or an input changed, so that inputs are held exactly: that of row `k`
+//! acts from `t_k` until `t_k+1`.
+
+use sagci_model::{ActuatorLaw, ObjectModel};
+use sagci_recording::{CommandKind, JointLog, Log, Series};
+
+use crate::GapError;
+
+/// Times closer than this are one, s.
+const SAME_TIME: f64 = 1e-6;
+/// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
+const CUT: (f64, f64) = (10.0, 0.1);
+
+/// What moves a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Drive {
+    /// Nothing that was measured.
+    Free,
+    /// A measured effort.
+    Effort,
+    /// A command, through the law of its drive.
+    Command(CommandKind),
+}
+
+/// One measured trajectory. Rows are times, columns the model's degrees of freedom.
+#[derive(Debug, Clone)]
+pub(crate) struct Trajectory {
+    pub source: String,
+    pub hash: String,
+    pub time: Vec<f64>,
+    /// NaN where nothing was measured.
+    pub position: Vec<f64>,
+    /// Measured efforts of joints that a command drives; NaN where nothing was measured.
+    pub effort: Vec<f64>,
+    /// What acts until the next time; NaN where a motor's circuit is open.
+    pub input: Vec<f64>,
+    pub drive: Vec<Drive>,
+    /// Rows at which it starts anew, the first among them.
+    pub starts: Vec<usize>,
+    /// It goes on where the one before it ends.
+    pub continues: bool,
+    pub joints: usize,
+}
+
+/// Names of the model's degrees of freedom.
+pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> {
+    let mut names = Vec::new();
+    for i in model.moving_joints() {
+        let joint = &model.joints[i];
+        if joint.kind.velocities() != 1 {
+            return Err(GapError::data(
+                &joint.name,
+                "is a joint of several degrees of freedom; only turning and sliding joints can be compared",
+            ));
+        }
+        names.push(joint.name.clone());
+    }
+    if names.is_empty() {
+        return Err(GapError::data(&model.name, "has no joint that moves"));
+    }
+    Ok(names)
+}
+
+impl Trajectory {
+    /// Puts the series of a log on one grid.
+    pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
+        let names = joint_names(model)?;
+        let n = names.len();
+        let found: Vec<Option<&JointLog>> = names.iter().map(|name| log.joint(name)).collect();
+        if found.iter().flatten().all(|j| j.position.time.is_empty()) {
+            return Err(GapError::data(&log.source, format!("has no positions of the model's joints ({})", names.join(", "))));
+        }
+        let mut drive = vec![Drive::Free; n];
+        let mut inputs: Vec<Option<&Series>> = vec![None; n];
+        for (j, joint) in found.iter().enumerate() {
+            let Some(joint) = joint else { continue };
+            let law = model.document.actuators.iter().find(|a| a.joint == joint.name).map(|a| &a.law);
+            let driven = match (&joint.command, law) {
+                (Some((CommandKind::Effort, series)), None | Some(ActuatorLaw::Torque { .. })) => Some((CommandKind::Effort, series)),
+                (Some((kind @ CommandKind::Position, series)), Some(ActuatorLaw::PositionServo { .. }))
+                | (Some((kind @ CommandKind::Position, series)), Some(ActuatorLaw::DcMotor { gain: Some(_), .. }))
+                | (Some((kind @ CommandKind::Voltage, series)), Some(ActuatorLaw::DcMotor { .. })) => Some((*kind, series)),
+                (Some((kind, _)), _) if joint.effort.is_none() => {
+                    let (what, law) = match kind {
+                        CommandKind::Effort => ("efforts", "torque"),
+                        CommandKind::Position => ("positions", "position_servo"),
+                        CommandKind::Voltage => ("voltages", "dc_motor"),
+                    };
+                    let message = format!(
+                        "the joint '{}' is commanded {what}, and there is no measured effort: its drive's law is needed, as an entry under \
+                         `actuators` in model.yaml, such as `kind: {law}`",
+                        joint.name
+                    );
+                    return Err(GapError::data(&log.source, message));
+                }
+                _ => None,
+            };
+            (drive[j], inputs[j]) = match (driven, &joint.effort) {
+                (Some((kind, series)), _) => (Drive::Command(kind), Some(series)),
+                (None, Some(series)) => (Drive::Effort, Some(series)),
+                (None, None) => (Drive::Free, None),
+            };
+        }
+
+        let mut all: Vec<f64> = found.iter().flatten().flat_map(|j| j.position.time.iter().copied()).collect();
+        let (first, last) = all.iter().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(*t), b.max(*t)));
+        all.extend(inputs.iter().flatten().flat_map(|s| s.time.iter().copied()).filter(|t| *t > first && *t < last));
+        all.sort_by(f64::total_cmp);
+        all.dedup_by(|b, a| *b - *a < SAME_TIME);
+        let time = all;
+        let rows = time.len();
+        if rows < 10 {
+            return Err(GapError::data(&log.source, format!("holds {rows} samples; too few to tell anything from")));
+        }
+        let row = |t: f64| {
+            let i = time.partition_point(|x| *x < t - SAME_TIME);
+            (i < rows && (time[i] - t).abs() <= 2.0 * SAME_TIME).then_some(i)
+        };
+        let spread = |series: &Series, column: usize, into: &mut [f64]| {
+            for (t, value) in series.time.iter().zip(&series.value) {
+                if let Some(i) = row(*t) {
+                    into[i * n + column] = *value;
+                }
+            }
+        };
+        let (mut position, mut effort, mut input) = (vec![f64::NAN; rows * n], vec![f64::NAN; rows * n], vec![0.0; rows * n]);
+        for (j, joint) in found.iter().enumerate() {
+            let Some(joint) = joint else { continue };
+            spread(&joint.position, j, &mut position);
+            if let (Drive::Command(_), Some(series)) = (drive[j], &joint.effort) {
+                spread(series, j, &mut effort);
+            }
+            let Some(series) = inputs[j] else { continue };
+            let mut at = 0;
+            for (i, t) in time.iter().enumerate() {
+                while at < series.time.len() && series.time[at] <= t + SAME_TIME {
+                    at += 1;
+                }
+                // Before the first one nothing is known; it is taken for that one, since motion starts at the first sample.
+                input[i * n + j] = series.value.get(at.saturating_sub(1)).copied().unwrap_or(0.0);
+            }
+        }
+        let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        let usual = steps[steps.len() / 2];
+        let mut starts = vec![0];
+        starts.extend((1..rows).filter(|i| time[*i] - time[i - 1] > (CUT.0 * usual).max(CUT.1)));
+        Ok(Self {
+            source: log.source.clone(),
+            hash: log.hash.clone(),
+            time,
+            position,
+            effort,
+            input,
+            drive,
+            starts,
+            continues: log.continues,
+            joints: n,
+        })
+    }
+
+    pub fn rows(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Positions of one joint, NaN where nothing was measured.
+    pub fn positions(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
+        self.position.iter().skip(joint).step_by(self.joints).copied()
+    }
+
+    /// Usual time between rows, s.
+    pub fn period(&self) -> f64 {
+        let mut steps: Vec<f64> = self.time.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or(0.005)
+    }
+}

@@ -1,0 +1,236 @@
+//! The gap: how far positions predicted over a window of time are off.
+//!
+//! A window starts from the smoothed measured state, its inner states from a run along the measured motion, and the model goes on
+//! alone from there. The figures are root mean squares over samples, by joint; pooled over joints, the RMS of each joint's figure in
+//! shares of its range. A window that diverges counts as the joint's range.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::Serialize;
+
+use crate::GapError;
+use crate::observer::{self, Gains, Noise, Run};
+use crate::plant::{Motion, Plant};
+use crate::trajectory::Trajectory;
+
+/// One figure of the gap.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Figures {
+    /// RMSE by joint, rad or m.
+    pub rmse: Vec<f64>,
+    /// Median over windows of the RMSE in each, by joint.
+    pub median: Vec<f64>,
+    /// RMSE by joint in windows of 0.25 s.
+    pub rmse_short: Vec<f64>,
+    /// RMS over joints of the RMSE in shares of the joint's range.
+    pub pooled: f64,
+}
+
+/// Short windows, s.
+const SHORT: f64 = 0.25;
+
+/// One predicted sample.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Sample {
+    pub trajectory: usize,
+    pub row: usize,
+    pub window: usize,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+}
+
+/// The run along the data that gives windows their first states.
+pub(crate) struct Smoothed {
+    runs: Vec<Run>,
+}
+
+/// Factors on the noise of accelerations among which the most likely is taken.
+const FACTORS: [f64; 9] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
+
+/// The noise under which a plant's prediction errors are most likely: a model that lacks something is trusted less.
+pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Noise, GapError> {
+    let mut best: Option<(f64, Noise)> = None;
+    let mut motion = plant.motion();
+    for factor in FACTORS {
+        let tried = Noise { acceleration: noise.acceleration.iter().map(|a| factor * a).collect(), ..noise.clone() };
+        let mut cost = 0.0;
+        let mut errors = Vec::new();
+        for trajectory in trajectories {
+            let gains = Gains::new(trajectory, &tried);
+            errors.clear();
+            observer::run(plant, trajectory, &gains, &mut motion, &mut errors, None)?;
+            cost += 0.5 * errors.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant();
+        }
+        if cost.is_finite() && best.as_ref().is_none_or(|(c, _)| cost < *c) {
+            best = Some((cost, tried));
+        } else {
+            break;
+        }
+    }
+    Ok(best.map_or_else(|| noise.clone(), |b| b.1))
+}
+
+impl Smoothed {
+    pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
+        let noise = likely_noise(plant, trajectories, noise)?;
+        let mut motion = plant.motion();
+        let mut errors = Vec::new();
+        let mut runs = Vec::new();
+        for trajectory in trajectories {
+            let gains = Gains::new(trajectory, &noise);
+            let mut run = Run::default();
+            errors.clear();
+            observer::run(plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+            observer::smooth(&mut run, trajectory, &gains);
+            runs.push(run);
+        }
+        Ok(Self { runs })
+    }
+
+    fn set(&self, motion: &mut Motion, trajectory: &Trajectory, index: usize, row: usize) {
+        let (run, n) = (&self.runs[index], trajectory.joints);
+        motion.state.q.copy_from_slice(&run.q[row * n..(row + 1) * n]);
+        motion.state.v.copy_from_slice(&run.v[row * n..(row + 1) * n]);
+        let states = motion.state.z.len();
+        motion.state.z.copy_from_slice(&run.z[row * states..(row + 1) * states]);
+        motion.state.time = trajectory.time[row];
+        motion.acceleration.fill(0.0);
+    }
+
+    /// Predicts all windows of a length, each half over the one before; `see` gets each sample.
+    pub fn predict(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, mut see: impl FnMut(Sample)) {
+        let mut motion = plant.motion();
+        let mut window = 0;
+        for (index, trajectory) in trajectories.iter().enumerate() {
+            let mut next = f64::NEG_INFINITY;
+            for row in 0..trajectory.rows() {
+                if trajectory.starts.contains(&row) {
+                    next = trajectory.time[row];
+                }
+                if trajectory.time[row] < next - 1e-9 {
+                    continue;
+                }
+                next += 0.5 * length;
+                let end = trajectory.time[row] + length;
+                let stop = trajectory.starts.iter().copied().find(|s| *s > row).unwrap_or(trajectory.rows());
+                // A window that the data do not fill is left out.
+                if trajectory.time[stop - 1] < end - 0.5 * length {
+                    continue;
+                }
+                self.set(&mut motion, trajectory, index, row);
+                plant.clamp(&mut motion);
+                let mut broken = false;
+                for k in row..stop - 1 {
+                    if trajectory.time[k + 1] > end + 1e-9 {
+                        break;
+                    }
+                    broken |= plant.interval(&mut motion, trajectory, k).is_err();
+                    let lost = |_| f64::NAN;
+                    let read = |j| plant.reading(&motion, j);
+                    let position =
+                        if broken { (0..trajectory.joints).map(lost).collect() } else { (0..trajectory.joints).map(read).collect() };
+                    see(Sample { trajectory: index, row: k + 1, window, position, velocity: motion.state.v.clone() });
+                    motion.state.time = trajectory.time[k + 1];
+                }
+                window += 1;
+            }
+        }
+    }
+
+    /// The gap's figures. `ranges` are those of the joints.
+    pub fn figures(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Figures {
+        let n = ranges.len();
+        let by_window = |length: f64| {
+            // Sum of squares and number of samples by window and joint.
+            let mut sums: Vec<Vec<[f64; 2]>> = Vec::new();
+            self.predict(plant, trajectories, length, |sample| {
+                if sums.len() <= sample.window {
+                    sums.resize(sample.window + 1, vec![[0.0; 2]; n]);
+                }
+                let trajectory = &trajectories[sample.trajectory];
+                for j in 0..n {
+                    let measured = trajectory.position[sample.row * n + j];
+                    if measured.is_finite() {
+                        let error = sample.position[j] - measured;
+                        let error = if error.is_finite() { error.abs().min(ranges[j]) } else { ranges[j] };
+                        sums[sample.window][j][0] += error * error;
+                        sums[sample.window][j][1] += 1.0;
+                    }
+                }
+            });
+            for window in &mut sums {
+                for (sum, range) in window.iter_mut().zip(ranges) {
+                    // It has left the joint's range somewhere: it diverged.
+                    if sum[1] > 0.0 && sum[0] / sum[1] > 0.25 * range * range {
+                        sum[0] = sum[1] * range * range;
+                    }
+                }
+            }
+            sums
+        };
+        let total = |sums: &[Vec<[f64; 2]>], j: usize| {
+            let (square, count) = sums.iter().fold((0.0, 0.0), |(a, b), w| (a + w[j][0], b + w[j][1]));
+            if count > 0.0 { (square / count).sqrt() } else { 0.0 }
+        };
+        let long = by_window(length);
+        let short = by_window(SHORT.min(length));
+        let rmse: Vec<f64> = (0..n).map(|j| total(&long, j)).collect();
+        let median = (0..n)
+            .map(|j| {
+                let mut each: Vec<f64> = long.iter().filter(|w| w[j][1] > 0.0).map(|w| (w[j][0] / w[j][1]).sqrt()).collect();
+                each.sort_by(f64::total_cmp);
+                each.get(each.len() / 2).copied().unwrap_or(0.0)
+            })
+            .collect();
+        let pooled = (rmse.iter().zip(ranges).map(|(e, r)| (e / r).powi(2)).sum::<f64>() / n as f64).sqrt();
+        Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled, rmse }
+    }
+
+    /// Data that the plant itself makes under the same inputs, with the measured noise: what is left of the gap then is its floor.
+    /// The motion is put back on the measured one every few windows, so that it stays where the data are.
+    pub fn invent(
+        &self,
+        plant: &Plant,
+        trajectories: &[Trajectory],
+        noise: &Noise,
+        length: f64,
+        seed: u64,
+    ) -> Result<Vec<Trajectory>, GapError> {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut normal = move || {
+            let (a, b): (f64, f64) = (random.random(), random.random());
+            (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+        };
+        let mut motion = plant.motion();
+        let mut invented = trajectories.to_vec();
+        for (index, trajectory) in invented.iter_mut().enumerate() {
+            let n = trajectory.joints;
+            let original = trajectories[index].clone();
+            let mut until = f64::NEG_INFINITY;
+            trajectory.starts.clear();
+            for k in 0..original.rows() {
+                if original.starts.contains(&k) || original.time[k] >= until {
+                    self.set(&mut motion, &original, index, k);
+                    trajectory.starts.push(k);
+                    until = original.time[k] + 4.0 * length;
+                } else {
+                    let h = original.time[k] - original.time[k - 1];
+                    plant.interval(&mut motion, &original, k - 1)?;
+                    for j in 0..n {
+                        let push = noise.acceleration[j] * normal();
+                        motion.state.v[j] += h * push;
+                        motion.state.q[j] += 0.5 * h * h * push;
+                    }
+                    plant.clamp(&mut motion);
+                }
+                motion.state.time = original.time[k];
+                for j in 0..n {
+                    if original.position[k * n + j].is_finite() {
+                        trajectory.position[k * n + j] = plant.reading(&motion, j) + noise.position[j] * normal();
+                    }
+                }
+            }
+        }
+        Ok(invented)
+    }
+}
