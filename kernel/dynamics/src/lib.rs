@@ -42,6 +42,7 @@ mod placed;
 pub mod residual;
 mod reverse;
 pub mod rollout;
+mod sensitivity;
 mod spatial;
 mod step;
 mod system;

@@ -489,6 +489,8 @@ impl DerefMut for MultibodyMut<'_> {
 impl Drop for MultibodyMut<'_> {
     fn drop(&mut self) {
         self.0.apply_reshapes();
+        self.0.place_shapes();
+        self.0.changed();
     }
 }
 
@@ -512,5 +514,6 @@ impl DerefMut for ParametersMut<'_> {
 impl Drop for ParametersMut<'_> {
     fn drop(&mut self) {
         self.0.apply_reshapes();
+        self.0.changed();
     }
 }
