@@ -30,6 +30,7 @@ use crate::contact::solver::ContactWorkspace;
 use crate::joint::matrix;
 use crate::parameter::Direction;
 use crate::spatial::{angular, dot, join, linear, mul, tr_mul};
+use crate::workspace::{Lane, add_scaled};
 use crate::{
     Adjoint, DynamicsError, Multibody, ParameterVector, RigidGradient, SpatialInertia, SpatialVector, System, Workspace, cross_force,
     cross_motion,
@@ -55,7 +56,7 @@ pub(crate) struct Plan {
     joints: Vec<Joint>,
     /// Column, shape, which of its numbers.
     surfaces: Vec<(usize, usize, usize)>,
-    shapes: Vec<(usize, Vec<(usize, SpatialVector)>)>,
+    shapes: Vec<(usize, Columns<6>)>,
     rows: Vec<SpatialVector>,
     asked: Vec<Asked>,
     by_base: Option<RigidGradient>,
@@ -65,7 +66,55 @@ pub(crate) struct Plan {
 #[derive(Debug, Clone)]
 struct Inertias {
     body: usize,
-    columns: Vec<(usize, [f64; 10])>,
+    columns: Columns<10>,
+}
+
+/// What some columns are the products of with one vector a row.
+#[derive(Debug, Clone)]
+struct Columns<const N: usize> {
+    at: Vec<usize>,
+    /// Four columns side by side, entry by entry.
+    lanes: Vec<[Lane; N]>,
+}
+
+impl<const N: usize> Default for Columns<N> {
+    fn default() -> Self {
+        Self { at: Vec::new(), lanes: Vec::new() }
+    }
+}
+
+impl<const N: usize> Columns<N> {
+    fn clear(&mut self) {
+        self.at.clear();
+        self.lanes.clear();
+    }
+
+    fn push(&mut self, column: usize, change: &[f64; N]) {
+        let lane = self.at.len() % 4;
+        if lane == 0 {
+            self.lanes.push([[0.0; 4]; N]);
+        }
+        self.at.push(column);
+        if let Some(last) = self.lanes.last_mut() {
+            for (to, x) in last.iter_mut().zip(change) {
+                to[lane] = *x;
+            }
+        }
+    }
+
+    /// Adds `by . change` to each column of a row.
+    #[inline]
+    fn add(&self, by: &[f64; N], row: &mut [f64]) {
+        for (at, lanes) in self.at.chunks(4).zip(&self.lanes) {
+            let mut sum = [0.0; 4];
+            for (by, lane) in by.iter().zip(lanes) {
+                add_scaled(&mut sum, *by, lane);
+            }
+            for (column, x) in at.iter().zip(sum) {
+                row[*column] += x;
+            }
+        }
+    }
 }
 
 /// Columns by the origin and axis of one joint of the models.
@@ -77,8 +126,9 @@ struct Joint {
     /// Links that a fixed joint carries.
     links: Vec<usize>,
     /// In the joint's frame.
-    twists: Vec<(usize, SpatialVector)>,
-    turns: Vec<(usize, Vector3<f64>)>,
+    twists: Columns<6>,
+    turns: Columns<3>,
+    turn: Vec<Vector3<f64>>,
 }
 
 /// What a row of the equations asks of the two bodies of a contact.
@@ -160,6 +210,7 @@ impl Plan {
         for joint in &mut self.joints {
             joint.twists.clear();
             joint.turns.clear();
+            joint.turn.clear();
         }
         let which = std::mem::take(&mut self.which);
         let result = which.directions(system, |column, direction| match direction {
@@ -168,13 +219,17 @@ impl Plan {
                 let (R, p) = (matrix(&frame.X_BL.rotation), frame.X_BL.translation.vector);
                 let on_body = SpatialInertia::from_entries(&entries).moved(&R, &p).entries();
                 let at = self.inertias.iter().position(|b| b.body == frame.body).unwrap_or_else(|| {
-                    self.inertias.push(Inertias { body: frame.body, columns: Vec::new() });
+                    self.inertias.push(Inertias { body: frame.body, columns: Columns::default() });
                     self.inertias.len() - 1
                 });
-                self.inertias[at].columns.push((column, on_body));
+                self.inertias[at].columns.push(column, &on_body);
             }
-            Direction::Origin(mount, twist) => joint_of(&mut self.joints, multibody, mount).twists.push((column, twist)),
-            Direction::Axis(mount, turn) => joint_of(&mut self.joints, multibody, mount).turns.push((column, turn)),
+            Direction::Origin(mount, twist) => joint_of(&mut self.joints, multibody, mount).twists.push(column, &twist.into()),
+            Direction::Axis(mount, turn) => {
+                let joint = joint_of(&mut self.joints, multibody, mount);
+                joint.turns.push(column, &turn.into());
+                joint.turn.push(turn);
+            }
             Direction::Armature(v, by) => self.armatures.push((column, v, by)),
             Direction::Effect(theta) => {
                 if self.theta.is_empty() {
@@ -185,10 +240,10 @@ impl Plan {
             Direction::Surface(g, k) => self.surfaces.push((column, g, k)),
             Direction::Shape(g, twist) => {
                 let at = self.shapes.iter().position(|s| s.0 == g).unwrap_or_else(|| {
-                    self.shapes.push((g, Vec::new()));
+                    self.shapes.push((g, Columns::default()));
                     self.shapes.len() - 1
                 });
-                self.shapes[at].1.push((column, twist));
+                self.shapes[at].1.push(column, &twist.into());
             }
             Direction::Weight(k) => self.weights.push((column, k)),
         });
@@ -224,10 +279,7 @@ impl Plan {
                     let mut by = [0.0; 10];
                     add_inertial(&mut by, &S, &A);
                     add_inertial(&mut by, &cross_motion(&S, &V), &V);
-                    let row = out.row(v);
-                    for (column, change) in &block.columns {
-                        row[*column] += by.iter().zip(change).map(|(b, c)| b * c).sum::<f64>();
-                    }
+                    block.columns.add(&by, out.row(v));
                 }
                 at = body.parent;
             }
@@ -255,18 +307,13 @@ impl Plan {
             for (v, g) in self.rows.iter().enumerate().filter(|(_, g)| **g != SpatialVector::zeros()) {
                 let row = &mut out.values[v * out.width + out.first..(v + 1) * out.width];
                 let (torque, force) = (tr_mul(&R, &(angular(g) - p.cross(&linear(g)))), tr_mul(&R, &linear(g)));
-                for (column, twist) in &joint.twists {
-                    row[*column] += torque.dot(&angular(twist)) + force.dot(&linear(twist));
-                }
-                if !joint.turns.is_empty() {
+                joint.twists.add(&join(&torque, &force).into(), row);
+                if !joint.turn.is_empty() {
                     let (R, p) = (&ws.R_WB[mount.body], &ws.p_WB[mount.body]);
-                    let back = tr_mul(R, &(angular(g) - p.cross(&linear(g))));
-                    for (column, turn) in &joint.turns {
-                        row[*column] += turn.dot(&(torque - back));
-                    }
+                    joint.turns.add(&(torque - tr_mul(R, &(angular(g) - p.cross(&linear(g))))).into(), row);
                 }
             }
-            for (column, turn) in &joint.turns {
+            for (column, turn) in joint.turns.at.iter().zip(&joint.turn) {
                 for (i, behind) in &joint.carries {
                     let own = Turned::new(multibody, ws, a, *i, turn);
                     own.add(multibody, ws, behind, scale, |v, x| out.row(v)[*column] += x);
@@ -286,10 +333,7 @@ impl Plan {
                 let (R, p) = (R_B * geometry.R_BG, p_B + R_B * geometry.p_BG);
                 for (v, g) in self.rows.iter().enumerate().filter(|(_, g)| **g != SpatialVector::zeros()) {
                     let (torque, force) = (tr_mul(&R, &(angular(g) - p.cross(&linear(g)))), tr_mul(&R, &linear(g)));
-                    let row = out.row(v);
-                    for (column, twist) in columns {
-                        row[*column] += torque.dot(&angular(twist)) + force.dot(&linear(twist));
-                    }
+                    columns.add(&join(&torque, &force).into(), out.row(v));
                 }
             }
         }
@@ -300,18 +344,11 @@ impl Plan {
         let Some(gradient) = &mut self.by_base else { return Ok(()) };
         multibody.rigid_gradient(sweep, gradient)?;
         for block in &self.inertias {
-            let by = sweep.by_body_inertia(block.body);
-            for (column, change) in &block.columns {
-                row[*column] += scale * by.iter().zip(change).map(|(b, c)| b * c).sum::<f64>();
-            }
+            block.columns.add(&sweep.by_body_inertia(block.body).map(|x| scale * x), row);
         }
         for joint in &self.joints {
-            for (column, twist) in &joint.twists {
-                row[*column] += scale * gradient.origin[joint.mount].dot(twist);
-            }
-            for (column, turn) in &joint.turns {
-                row[*column] += scale * sweep.by_turn(multibody.mounts[joint.mount].body).dot(turn);
-            }
+            joint.twists.add(&(gradient.origin[joint.mount] * scale).into(), row);
+            joint.turns.add(&(sweep.by_turn(multibody.mounts[joint.mount].body) * scale).into(), row);
         }
         Ok(())
     }
@@ -346,7 +383,7 @@ fn joint_of<'a>(joints: &'a mut Vec<Joint>, multibody: &Multibody, mount: usize)
                 }
             }
         }
-        joints.push(Joint { mount, carries, links, twists: Vec::new(), turns: Vec::new() });
+        joints.push(Joint { mount, carries, links, twists: Columns::default(), turns: Columns::default(), turn: Vec::new() });
         joints.len() - 1
     });
     &mut joints[at]
@@ -516,14 +553,7 @@ impl Touching<'_> {
     }
 
     /// What the joint of body `i` adds whose motion subspace turns by the world twist `back`.
-    fn turned(
-        &self,
-        asked: &[Asked],
-        ws: &Workspace,
-        i: usize,
-        back: &SpatialVector,
-        mut out: impl FnMut(usize, f64),
-    ) {
+    fn turned(&self, asked: &[Asked], ws: &Workspace, i: usize, back: &SpatialVector, mut out: impl FnMut(usize, f64)) {
         for (active, wrench) in self.at.active.iter().zip(&self.at.by_active) {
             let group = &self.contacts.groups[active.group];
             let (mut dV, mut dV0) = (SpatialVector::zeros(), SpatialVector::zeros());
@@ -558,12 +588,8 @@ impl Touching<'_> {
                 continue;
             }
             let V = &self.at.active[bushing.slot].V;
-            let wrench = Wrench {
-                F: bushing.held.impulse(V),
-                by_pose: bushing.held.by_pose(V),
-                by_V: -bushing.held.slope(V),
-                ..Wrench::default()
-            };
+            let wrench =
+                Wrench { F: bushing.held.impulse(V), by_pose: bushing.held.by_pose(V), by_V: -bushing.held.slope(V), ..Wrench::default() };
             self.wrench_rows(bushing.slot, &wrench, moved, rows);
         }
     }

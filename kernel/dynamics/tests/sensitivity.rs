@@ -9,8 +9,8 @@ use sagci_dynamics::effects::{Acts, Prior, catalogue};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutOptions};
 use sagci_dynamics::{
-    ContactMaterial, ContactOptions, Coriolis, ExternalWrench, Grasp, Input, Linearisation, ParameterKind, ParameterVector, Part,
-    SpatialVector, State, System,
+    ContactMaterial, ContactOptions, Coriolis, ExternalWrench, Grasp, Input, Linearisation, MeasurementDerivatives, ParameterKind,
+    ParameterVector, Part, SpatialVector, State, System,
 };
 use sagci_model::{EffectEntry, ObjectModel};
 
@@ -201,7 +201,8 @@ fn columns_of_every_kind_of_joint_agree_with_differences_and_the_reverse_pass() 
             let tau = random_vector(system.multibody().nv(), 3.0, &mut rng);
             let F_W = SpatialVector::from_column_slice(&random_vector(6, 3.0, &mut rng));
             let external = [ExternalWrench { link: system.multibody().link("free/e").unwrap(), F_W }];
-            Case { system, state, tau: &tau, external: &external, resolution: 2e-15 }.check(&format!("{coriolis:?}, followers {followers}"), &mut count);
+            Case { system, state, tau: &tau, external: &external, resolution: 2e-15 }
+                .check(&format!("{coriolis:?}, followers {followers}"), &mut count);
         }
     }
     count.print("joints");
@@ -281,7 +282,12 @@ fn shaped(name: &str, shape: &str) -> ObjectModel {
 #[test]
 fn columns_through_contact_agree_with_differences_and_the_reverse_pass() {
     let mut count = Count::default();
-    let shapes = ["<box size='.1 .12 .08'/>", "<sphere radius='.05'/>", "<capsule radius='.03' length='.06'/>", "<cylinder radius='.04' length='.08'/>"];
+    let shapes = [
+        "<box size='.1 .12 .08'/>",
+        "<sphere radius='.05'/>",
+        "<capsule radius='.03' length='.06'/>",
+        "<cylinder radius='.04' length='.08'/>",
+    ];
     for (s, shape) in shapes.iter().enumerate() {
         for coriolis in SCHEMES {
             for (how, speed) in [("rests", 0.0), ("slides", 0.4)] {
@@ -310,7 +316,8 @@ fn columns_through_contact_agree_with_differences_and_the_reverse_pass() {
                 state.v[5] += 0.7 * speed;
                 state.v[0] += 0.1 * speed;
                 let tau = vec![0.3; system.multibody().nv()];
-                Case { system, state, tau: &tau, external: &[], resolution: 2e-13 }.check(&format!("shape {s} {how}, {coriolis:?}"), &mut count);
+                Case { system, state, tau: &tau, external: &[], resolution: 2e-13 }
+                    .check(&format!("shape {s} {how}, {coriolis:?}"), &mut count);
             }
         }
     }
@@ -377,4 +384,79 @@ fn columns_through_a_grasp_and_on_a_base_that_gives_way_agree_with_the_reverse_p
     }
     count.print("grasp");
     assert!(count.share() < 0.05, "{}", count.share());
+}
+
+#[test]
+fn readings_have_the_derivatives_of_their_differences() {
+    let mut compared = 0;
+    let mut arm = panda();
+    // All at once: what one effect gives is what the next one takes.
+    for described in catalogue() {
+        let d = described.description();
+        if !matches!(d.acts, Acts::Measurement(_)) && d.parameter("encoder").is_none() {
+            continue;
+        }
+        let numbers = d.parameters.iter().filter(|p| p.words.is_empty());
+        let parameters: Vec<(&str, f64)> = numbers.map(|p| (p.name, middling(&p.prior[0]).clamp(p.bounds[0], p.bounds[1]))).collect();
+        let mut entry = effect(d.name, "panda_joint4", &parameters);
+        if d.parameter("encoder").is_some() {
+            entry.choices = [("encoder".into(), "motor".into())].into();
+        }
+        arm.document.effects.push(entry);
+    }
+    let system = System::new(&[welded(&arm)]).unwrap();
+    let mut state = system.state();
+    state.v = random_vector(9, 0.5, &mut random(1));
+    state.z = random_vector(state.z.len(), 1e-2, &mut random(2));
+    state.time = 3.0;
+    let which = system.select_parameters(&["*/panda_joint4.*"]).unwrap();
+    let mut out = MeasurementDerivatives::new(&system, &which).unwrap();
+    for v in [3, 5] {
+        let effort = 1.7;
+        let read = |system: &System, state: &State, effort: f64| {
+            let r = system.measure(state, effort, v);
+            [r.position.value, r.velocity.value, r.effort.value, r.stamp.value]
+        };
+        let reading = system.measure_derivatives(&state, effort, v, &mut out).unwrap();
+        assert_eq!(reading, system.measure(&state, effort, v));
+        let mut compare = |what: &str, ours: [f64; 4], after: &dyn Fn(f64) -> [f64; 4], h: f64| {
+            let (up, down) = (after(h), after(-h));
+            for k in 0..4 {
+                let difference = (up[k] - down[k]) / (2.0 * h);
+                assert!((ours[k] - difference).abs() < 1e-6 * (1e-2 + difference.abs()), "{what}, {k}: {} {difference}", ours[k]);
+            }
+            compared += usize::from(ours != [0.0; 4]);
+        };
+        let moved = |change: &dyn Fn(&mut State)| {
+            let mut moved = state.clone();
+            change(&mut moved);
+            moved
+        };
+        compare("q", out.d_q, &|h| read(&system, &moved(&|s| s.q[v] += h), effort), 1e-5);
+        compare("v", out.d_v, &|h| read(&system, &moved(&|s| s.v[v] += h), effort), 1e-5);
+        compare("effort", out.d_effort, &|h| read(&system, &state, effort + h), 1e-5);
+        for k in 0..state.z.len() {
+            compare(
+                "z",
+                out.d_z.column(k).fixed_rows::<4>(0).into_owned().into(),
+                &|h| read(&system, &moved(&|s| s.z[k] += h), effort),
+                1e-6,
+            );
+        }
+        let values = which.values(&system).unwrap();
+        for (k, name) in which.names().enumerate() {
+            let after = |h: f64| {
+                let (mut system, mut values) = (system.clone(), values.clone());
+                values[k] += h;
+                system.set_parameters(&which, &values).unwrap();
+                read(&system, &state, effort)
+            };
+            // Armatures and losses are at their least values, and no sensor answers to them.
+            if values[k] != 0.0 || name.contains("offset") {
+                compare(name, out.d_theta.column(k).fixed_rows::<4>(0).into_owned().into(), &after, 1e-4 * values[k].abs().min(1e-2));
+            }
+        }
+    }
+    assert!(compared > 12, "{compared}");
+    assert!(system.measure_derivatives(&state, 0.0, 99, &mut out).is_err());
 }
