@@ -29,7 +29,7 @@ use crate::contact::derivative::Wrench;
 use crate::contact::solver::ContactWorkspace;
 use crate::joint::matrix;
 use crate::parameter::Direction;
-use crate::spatial::{angular, dot, join, linear, mul, tr_mul};
+use crate::spatial::{angular, dot, join, linear, tr_mul};
 use crate::workspace::{Lane, add_scaled};
 use crate::{
     Adjoint, DynamicsError, Multibody, ParameterVector, RigidGradient, SpatialInertia, SpatialVector, System, Workspace, cross_force,
@@ -58,6 +58,7 @@ pub(crate) struct Plan {
     surfaces: Vec<(usize, usize, usize)>,
     shapes: Vec<(usize, Columns<6>)>,
     rows: Vec<SpatialVector>,
+    turned: Vec<SpatialVector>,
     asked: Vec<Asked>,
     by_base: Option<RigidGradient>,
 }
@@ -87,6 +88,10 @@ impl<const N: usize> Columns<N> {
     fn clear(&mut self) {
         self.at.clear();
         self.lanes.clear();
+    }
+
+    fn is_empty(&self) -> bool {
+        self.at.is_empty()
     }
 
     fn push(&mut self, column: usize, change: &[f64; N]) {
@@ -128,7 +133,6 @@ struct Joint {
     /// In the joint's frame.
     twists: Columns<6>,
     turns: Columns<3>,
-    turn: Vec<Vector3<f64>>,
 }
 
 /// What a row of the equations asks of the two bodies of a contact.
@@ -171,6 +175,7 @@ impl Plan {
         let mut plan = Self {
             which: which.clone(),
             rows: vec![zero; system.multibody().nv()],
+            turned: vec![zero; system.multibody().nv()],
             asked: vec![none; system.contacts.as_ref().map_or(0, |c| c.columns)],
             by_base: (!system.sways.is_empty()).then(|| RigidGradient::new(system.multibody())),
             ..Self::default()
@@ -210,7 +215,6 @@ impl Plan {
         for joint in &mut self.joints {
             joint.twists.clear();
             joint.turns.clear();
-            joint.turn.clear();
         }
         let which = std::mem::take(&mut self.which);
         let result = which.directions(system, |column, direction| match direction {
@@ -225,11 +229,7 @@ impl Plan {
                 self.inertias[at].columns.push(column, &on_body);
             }
             Direction::Origin(mount, twist) => joint_of(&mut self.joints, multibody, mount).twists.push(column, &twist.into()),
-            Direction::Axis(mount, turn) => {
-                let joint = joint_of(&mut self.joints, multibody, mount);
-                joint.turns.push(column, &turn.into());
-                joint.turn.push(turn);
-            }
+            Direction::Axis(mount, turn) => joint_of(&mut self.joints, multibody, mount).turns.push(column, &turn.into()),
             Direction::Armature(v, by) => self.armatures.push((column, v, by)),
             Direction::Effect(theta) => {
                 if self.theta.is_empty() {
@@ -303,23 +303,26 @@ impl Plan {
                     touching.link_rows(*link, &mut self.rows);
                 }
             }
+            let turns = !joint.turns.is_empty();
+            if turns {
+                self.turned.copy_from_slice(&self.rows);
+                for (i, behind) in &joint.carries {
+                    turned_rows(multibody, ws, a, *i, behind, scale, &mut self.turned);
+                    if let Some(touching) = &touching {
+                        touching.turned_rows(&self.asked, *i, &mut self.turned);
+                    }
+                }
+            }
             let (R, p) = joint_in_world(multibody, ws, joint.mount);
-            for (v, g) in self.rows.iter().enumerate().filter(|(_, g)| **g != SpatialVector::zeros()) {
+            let asks =
+                |(v, g): &(usize, &SpatialVector)| **g != SpatialVector::zeros() || (turns && self.turned[*v] != SpatialVector::zeros());
+            for (v, g) in self.rows.iter().enumerate().filter(asks) {
                 let row = &mut out.values[v * out.width + out.first..(v + 1) * out.width];
                 let (torque, force) = (tr_mul(&R, &(angular(g) - p.cross(&linear(g)))), tr_mul(&R, &linear(g)));
                 joint.twists.add(&join(&torque, &force).into(), row);
-                if !joint.turn.is_empty() {
-                    let (R, p) = (&ws.R_WB[mount.body], &ws.p_WB[mount.body]);
+                if turns {
+                    let (R, p, g) = (&ws.R_WB[mount.body], &ws.p_WB[mount.body], &self.turned[v]);
                     joint.turns.add(&(torque - tr_mul(R, &(angular(g) - p.cross(&linear(g))))).into(), row);
-                }
-            }
-            for (column, turn) in joint.turns.at.iter().zip(&joint.turn) {
-                for (i, behind) in &joint.carries {
-                    let own = Turned::new(multibody, ws, a, *i, turn);
-                    own.add(multibody, ws, behind, scale, |v, x| out.row(v)[*column] += x);
-                    if let Some(touching) = &touching {
-                        touching.turned(&self.asked, ws, *i, &own.back, |v, x| out.row(v)[*column] += x);
-                    }
                 }
             }
         }
@@ -383,7 +386,7 @@ fn joint_of<'a>(joints: &'a mut Vec<Joint>, multibody: &Multibody, mount: usize)
                 }
             }
         }
-        joints.push(Joint { mount, carries, links, twists: Columns::default(), turns: Columns::default(), turn: Vec::new() });
+        joints.push(Joint { mount, carries, links, twists: Columns::default(), turns: Columns::default() });
         joints.len() - 1
     });
     &mut joints[at]
@@ -468,51 +471,39 @@ fn displaced_link_rows(multibody: &Multibody, ws: &Workspace, link: usize, scale
     }
 }
 
-/// A joint's own motion subspace that turns with its axis.
-struct Turned {
-    i: usize,
-    back: SpatialVector,
-    X: SpatialVector,
-    Y: SpatialVector,
-}
-
-impl Turned {
-    fn new(multibody: &Multibody, ws: &Workspace, a: &[f64], i: usize, turn: &Vector3<f64>) -> Self {
-        let (body, w) = (&multibody.bodies[i], mul(&ws.R_WB[i], turn));
-        let back = join(&w, &ws.p_WB[i].cross(&w));
-        let (mut X, mut Y) = (SpatialVector::zeros(), SpatialVector::zeros());
-        for (t, v) in body.tree_range().zip(body.v..) {
-            let dS = cross_motion(&back, &ws.S[t]);
-            X += dS * ws.v[v];
-            Y += dS * a[v];
-        }
-        Y += cross_motion(&ws.V[body.parent], &X) - cross_motion(&X, &ws.V[i]);
-        Self { i, back, X, Y }
+/// Takes off the rows of inverse dynamics on a twist of the child's frame that turns the motion subspace of body `i` alone.
+fn turned_rows(multibody: &Multibody, ws: &Workspace, a: &[f64], i: usize, behind: &[usize], scale: f64, rows: &mut [SpatialVector]) {
+    let own = &multibody.bodies[i];
+    let (mut Sv, mut Sa) = (SpatialVector::zeros(), SpatialVector::zeros());
+    for (t, v) in own.tree_range().zip(own.v..) {
+        Sv += ws.S[t] * ws.v[v];
+        Sa += ws.S[t] * a[v];
     }
-
-    /// What it adds to inverse dynamics beside the displacement of what is behind the joint.
-    fn add(&self, multibody: &Multibody, ws: &Workspace, behind: &[usize], scale: f64, mut out: impl FnMut(usize, f64)) {
-        let (i, w) = (self.i, angular(&self.X));
-        let force = ws.composite[i].times(&self.Y) + ws.variation.rate[i].times(&w);
-        let mut at = multibody.bodies[i].parent;
-        while at != 0 {
-            let body = &multibody.bodies[at];
-            for (t, v) in body.tree_range().zip(body.v..) {
-                out(v, scale * dot(&ws.S[t], &force));
-            }
-            at = body.parent;
-        }
-        for &j in behind {
-            let body = &multibody.bodies[j];
-            for (t, v) in body.tree_range().zip(body.v..) {
-                out(v, scale * (dot(&ws.IS[t], &self.Y) + ws.variation.y[t].dot(&w)));
-            }
-        }
-        let body = &multibody.bodies[i];
-        let force = ws.variation.inertial[i] - ws.variation.external[i];
+    // With T for the twist: dV = X = T x S v, dA = Y + X x V_j with Y = T x S a + (V_P + V_i) x X.
+    let both = ws.V[own.parent] + ws.V[i];
+    let row = |U: &SpatialVector, y: &Vector3<f64>| {
+        let by_X = join(y, &Vector3::zeros()) - cross_force(&both, U);
+        cross_force(&Sa, U) + cross_force(&Sv, &by_X)
+    };
+    let (I, rate) = (&ws.composite[i], &ws.variation.rate[i]);
+    let mut at = own.parent;
+    while at != 0 {
+        let body = &multibody.bodies[at];
         for (t, v) in body.tree_range().zip(body.v..) {
-            out(v, scale * dot(&cross_motion(&self.back, &ws.S[t]), &force));
+            let S = &ws.S[t];
+            rows[v] -= row(&I.times(S), &rate.transposed_times(S)) * scale;
         }
+        at = body.parent;
+    }
+    for &j in behind {
+        let body = &multibody.bodies[j];
+        for (t, v) in body.tree_range().zip(body.v..) {
+            rows[v] -= row(&ws.IS[t], &ws.variation.y[t]) * scale;
+        }
+    }
+    let force = ws.variation.inertial[i] - ws.variation.external[i];
+    for (t, v) in own.tree_range().zip(own.v..) {
+        rows[v] -= cross_force(&ws.S[t], &force) * scale;
     }
 }
 
@@ -552,22 +543,22 @@ impl Touching<'_> {
         }
     }
 
-    /// What the joint of body `i` adds whose motion subspace turns by the world twist `back`.
-    fn turned(&self, asked: &[Asked], ws: &Workspace, i: usize, back: &SpatialVector, mut out: impl FnMut(usize, f64)) {
+    /// Takes off the rows on a twist that turns the motion subspace of body `i` alone.
+    fn turned_rows(&self, asked: &[Asked], i: usize, rows: &mut [SpatialVector]) {
         for (active, wrench) in self.at.active.iter().zip(&self.at.by_active) {
             let group = &self.contacts.groups[active.group];
-            let (mut dV, mut dV0) = (SpatialVector::zeros(), SpatialVector::zeros());
+            let J = &self.at.J[group.start..group.start + group.columns.len()];
+            let (mut U, mut U0) = (SpatialVector::zeros(), SpatialVector::zeros());
             let mut moved = false;
-            for c in group.columns.iter().filter(|c| c.body == i) {
-                let dJ = cross_motion(back, &ws.S[c.tree]) * c.factor;
-                dV += dJ * self.w[c.v];
-                dV0 += dJ * self.v[c.v];
-                out(c.v, -dot(&dJ, &wrench.F));
+            for (J, c) in J.iter().zip(&group.columns).filter(|(_, c)| c.body == i) {
+                U += J * self.w[c.v];
+                U0 += J * self.v[c.v];
+                rows[c.v] += cross_force(J, &wrench.F);
                 moved = true;
             }
             if moved {
                 for (c, asked) in group.columns.iter().zip(&asked[group.start..]) {
-                    out(c.v, -dot(&dV, &asked.next) - dot(&dV0, &asked.old));
+                    rows[c.v] += cross_force(&U, &asked.next) + cross_force(&U0, &asked.old);
                 }
             }
         }
