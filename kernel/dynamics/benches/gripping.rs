@@ -46,12 +46,22 @@ fn main() {
             std::mem::swap(&mut state, &mut next);
         }
     });
+    // Each of the 300 parameters that there are as a column.
+    let all = system.all_parameters();
+    let mut dense = Linearisation::with_parameters(&system, &all).unwrap();
+    bench.row("the same + every parameter", STEPS, || {
+        state.clone_from(&start);
+        for _ in 0..STEPS {
+            system.linearise(&mut ws, black_box(&state), &input, DT, &mut next, &mut dense).unwrap();
+            std::mem::swap(&mut state, &mut next);
+        }
+    });
     // One cotangent taken back through each step, to every parameter there is, beside A and B.
     let inputs = Inputs { tau: &tau, ..Inputs::default() };
     let options = RolloutOptions { wanted: Wanted::ALL, ..RolloutOptions::new(STEPS, DT) };
     let mut rollout = Rollout::new(&system, options).unwrap();
     rollout.forward(&system, &start, &inputs, |_, _| {}).unwrap();
-    bench.row("the same + every parameter", STEPS, || {
+    bench.row("gripping step + A, B + one cotangent taken back to every parameter", STEPS, || {
         state.clone_from(&start);
         for _ in 0..STEPS {
             system.linearise(&mut ws, black_box(&state), &input, DT, &mut next, &mut x).unwrap();

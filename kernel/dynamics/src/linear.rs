@@ -270,27 +270,37 @@ fn add_scaled_row<const W: usize>(to: &mut [Lane; W], a: f64, x: &[Lane; W]) {
 }
 
 fn solve_long_rows(L: &[Lane], n: usize, B: &mut [Lane], across: usize) {
+    let mut at = 0;
+    while at < across {
+        match across - at {
+            1 => solve_strip::<1>(L, n, B, across, at),
+            2 => solve_strip::<2>(L, n, B, across, at),
+            3 => solve_strip::<3>(L, n, B, across, at),
+            _ => solve_strip::<4>(L, n, B, across, at),
+        }
+        at += 4;
+    }
+}
+
+/// [`tree_solve_rows`] for `W` lanes of each row, from the lane `at` on.
+fn solve_strip<const W: usize>(L: &[Lane], n: usize, B: &mut [Lane], across: usize, at: usize) {
     let (stride, L) = (4 * n.div_ceil(4), L.as_flattened());
-    let subtract = |row: &mut [Lane], factor: f64, other: &[Lane]| {
-        for (to, x) in row.iter_mut().zip(other) {
-            let mut lane = *to;
-            add_scaled(&mut lane, -factor, x);
-            *to = lane;
-        }
-    };
+    let strip = |B: &[Lane], k: usize| -> [Lane; W] { std::array::from_fn(|i| B[k * across + at + i]) };
+    let put = |B: &mut [Lane], k: usize, sum: &[Lane; W]| B[k * across + at..k * across + at + W].copy_from_slice(sum);
     for k in (0..n).rev() {
-        let (row, below) = B[k * across..n * across].split_at_mut(across);
-        for (i, other) in below.chunks_exact(across.max(1)).enumerate() {
-            subtract(row, L[(k + 1 + i) * stride + k], other);
+        let mut sum = strip(B, k);
+        for i in k + 1..n {
+            add_scaled_row(&mut sum, -L[i * stride + k], &strip(B, i));
         }
+        put(B, k, &sum);
     }
     for k in 0..n {
-        let (above, row) = B[..(k + 1) * across].split_at_mut(k * across);
-        let factors = &L[k * stride..k * stride + k + 1];
-        row.as_flattened_mut().iter_mut().for_each(|x| *x *= factors[k]);
-        for (factor, other) in factors.iter().zip(above.chunks_exact(across.max(1))) {
-            subtract(row, *factor, other);
+        let mut sum = [[0.0; 4]; W];
+        add_scaled_row(&mut sum, L[k * stride + k], &strip(B, k));
+        for i in 0..k {
+            add_scaled_row(&mut sum, -L[k * stride + i], &strip(B, i));
         }
+        put(B, k, &sum);
     }
 }
 

@@ -27,10 +27,11 @@ use crate::linear::{before_among, eliminate, into_lanes, tree_factor, tree_solve
 use crate::multibody::length;
 use crate::placed::Taken;
 use crate::residual::ResidualCotangents;
+use crate::sensitivity::{Plan, Rows, Touching};
 use crate::spatial::cross_motion;
 use crate::system::Placement;
 use crate::workspace::Lane;
-use crate::{Adjoint, Coriolis, DynamicsError, Input, SpatialVector, State, StepWorkspace, System};
+use crate::{Adjoint, Coriolis, DynamicsError, Input, ParameterVector, SpatialVector, State, StepWorkspace, System};
 
 /// Derivatives of one step. `x` is position (as a tangent, see [`crate::Multibody::integrate`]), then velocity, then the inner
 /// states of effects: `2 nv + nz` entries. `u` are the commanded efforts.
@@ -42,13 +43,15 @@ pub struct Linearisation {
     pub A: DMatrix<f64>,
     /// `dx+ / du`, (2 nv + nz) x nv.
     pub B: DMatrix<f64>,
-    /// Right-hand sides and then `dw`, a row for each velocity: by q, by v, by z, by u.
+    /// `dx+ / dtheta`, (2 nv + nz) x the number of parameters that it was made with.
+    pub P: DMatrix<f64>,
+    /// Right-hand sides and then `dw`, a row for each velocity: by q, by v, by z, by u, by theta.
     change: Vec<f64>,
     /// The same for the first solution.
     first: Vec<f64>,
     /// How the efforts that reach the joints change, likewise; empty where commands reach them as they are.
     reached: Vec<f64>,
-    /// How the loads on the joints change with q and v, `2 nv` a row, once something asks for it.
+    /// How the loads on the joints change, likewise, once something asks for it.
     load: Vec<f64>,
     has_load: bool,
     /// One row more.
@@ -67,21 +70,36 @@ pub struct Linearisation {
     bases: Vec<f64>,
     sweep: Option<Box<Adjoint>>,
     zeros: Vec<f64>,
+    plan: Plan,
 }
 
 impl Linearisation {
-    /// Zeros for a system.
+    /// Zeros for a system, without parameters.
     pub fn new(system: &System) -> Self {
-        let (n, nz) = (system.multibody().nv(), system.state().z.len());
-        let width = Columns { n, nz }.width();
+        Self::with_plan(system, Plan::default())
+    }
+
+    /// Zeros for a system, with a column of `P` for each of some parameters. Only these cost anything. Their values may be changed
+    /// afterwards: derivatives are those at the system's present ones.
+    ///
+    /// # Errors
+    /// Parameters of another system.
+    pub fn with_parameters(system: &System, which: &ParameterVector) -> Result<Self, DynamicsError> {
+        Ok(Self::with_plan(system, Plan::new(system, which)?))
+    }
+
+    fn with_plan(system: &System, plan: Plan) -> Self {
+        let (n, nz, parameters) = (system.multibody().nv(), system.state().z.len(), plan.len());
+        let width = Columns { n, nz, parameters }.width();
         let twice = if system.solves_twice() { n * width } else { 0 };
         Self {
             A: DMatrix::zeros(2 * n + nz, 2 * n + nz),
             B: DMatrix::zeros(2 * n + nz, n),
+            P: DMatrix::zeros(2 * n + nz, parameters),
             change: vec![0.0; n * width],
             first: vec![0.0; twice],
             reached: vec![0.0; if system.commands.is_empty() { 0 } else { n * width }],
-            load: vec![0.0; 2 * n * n],
+            load: vec![0.0; n * width],
             has_load: false,
             row: vec![0.0; width],
             pulled: vec![0.0; 5 * n],
@@ -94,15 +112,17 @@ impl Linearisation {
             bases: vec![0.0; system.sways.len() * width],
             sweep: (!system.sways.is_empty()).then(|| Box::new(Adjoint::new(system.multibody()))),
             zeros: vec![0.0; n],
+            plan,
         }
     }
 }
 
-/// Where the columns by q, v, z and u of a row stand.
+/// Where the columns by q, v, z, u and theta of a row stand.
 #[derive(Debug, Clone, Copy)]
 struct Columns {
     n: usize,
     nz: usize,
+    parameters: usize,
 }
 
 impl Columns {
@@ -114,9 +134,13 @@ impl Columns {
         2 * self.n + self.nz
     }
 
+    fn theta(self) -> usize {
+        3 * self.n + self.nz
+    }
+
     /// Whole lanes; what is left at the end of a row means nothing.
     fn width(self) -> usize {
-        (3 * self.n + self.nz).next_multiple_of(4)
+        (self.theta() + self.parameters).next_multiple_of(4)
     }
 
     /// A row among rows.
@@ -143,14 +167,15 @@ impl System {
         let n = multibody.nv();
         self.check_state(state)?;
         self.check_state(next)?;
-        let at = Columns { n, nz: state.z.len() };
         let x = linearisation;
+        let at = Columns { n, nz: state.z.len(), parameters: x.plan.len() };
         length("a linearisation's rows", x.A.nrows(), at.u())?;
         let twice = self.solves_twice();
         let rows = self.sways.len() * at.width();
         if (twice && x.first.is_empty()) || x.reached.is_empty() != self.commands.is_empty() || x.bases.len() != rows {
             return Err(DynamicsError::ForeignWorkspace);
         }
+        x.plan.update(self)?;
         next.q.copy_from_slice(&state.q);
         next.v.copy_from_slice(&state.v);
         next.z.copy_from_slice(&state.z);
@@ -210,6 +235,14 @@ impl System {
             multibody.accelerate_bases(&mut ws.rigid);
             multibody.differentiate_on::<true>(&mut ws.rigid);
         }
+        let touching = match (&self.contacts, &mut ws.contact) {
+            (Some(contacts), Some(contact)) if !contact.active.is_empty() => {
+                contact.rates(contacts, w);
+                contact.differentiate();
+                true
+            }
+            _ => false,
+        };
         let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
         let share = if midpoint { 0.5 * dt } else { dt };
         for (i, row) in x.change.chunks_exact_mut(at.width().max(1)).enumerate() {
@@ -233,11 +266,19 @@ impl System {
                 }
             }
         }
+        if at.parameters > 0 {
+            let touching = match (&self.contacts, &ws.contact) {
+                (Some(contacts), Some(contact)) if touching => Some(Touching { contacts, at: contact, w, v: &state.v }),
+                _ => None,
+            };
+            let mut rows = Rows { values: &mut x.change, width: at.width(), first: at.theta() };
+            x.plan.add_rigid(multibody, &ws.rigid, &x.a, dt, !self.sways.is_empty(), touching, &mut rows);
+        }
         if !first {
             self.residual_change(ws, state, dt, at, x);
         }
         x.H.copy_from_slice(ws.rigid.M.as_slice());
-        self.base_change(ws, state, dt, at, first, x);
+        self.base_change(ws, state, dt, at, first, x)?;
         for placed in self.placements() {
             let taken =
                 Taken { state, next: if first { &ws.first.w } else { &ws.problem.v }, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
@@ -248,16 +289,15 @@ impl System {
             let k = placed.v;
             x.H[k * n + k] += force.d_next;
             let row = &mut x.change[at.row(k)];
-            add_partial(row, placed, &force, at);
+            add_partial(row, placed, &force, at, &x.plan.theta);
             add_input(row, k, force.d_input, &x.reached, at);
             if force.d_load != 0.0 {
-                add_row(&mut row[..2 * n], force.d_load, &x.load[k * 2 * n..(k + 1) * 2 * n]);
+                add_row(row, force.d_load, &x.load[at.row(k)]);
             }
         }
         let (w, held): (&[f64], &[Held]) = if first { (&ws.first.w, &ws.first.held) } else { (&ws.problem.v, &ws.problem.held) };
         x.free.clear();
         x.free.extend((0..n).filter(|k| held[*k] == Held::Free));
-        let touching = ws.contact.as_ref().is_some_and(|c| !c.active.is_empty());
         if touching || !self.sways.is_empty() {
             x.before.clear();
             x.before.extend(0..x.free.len());
@@ -265,8 +305,6 @@ impl System {
             before_among(&multibody.before, &x.free, &mut x.before);
         }
         if let (Some(contacts), Some(contact), true) = (&self.contacts, &mut ws.contact, touching) {
-            contact.rates(contacts, w);
-            contact.differentiate();
             let change = &mut x.change;
             contact.add_dense(contacts, w, &state.v, |i, k, [by_q, by_v, by_w]| {
                 change[at.row(i)][k] += by_q;
@@ -286,8 +324,13 @@ impl System {
             x.pulled.fill(0.0);
             let [f, q, v, u, next] = split(&mut x.pulled, n);
             f[i] = 1.0;
-            placed.pull(residual, &state.q, dt, f, &mut ResidualCotangents { q, v, u, next, weights: None });
+            x.plan.by_weights.fill(0.0);
+            let weights = (!x.plan.by_weights.is_empty()).then_some(&mut x.plan.by_weights[..]);
+            placed.pull(residual, &state.q, dt, f, &mut ResidualCotangents { q, v, u, next, weights });
             let row = &mut x.change[at.row(i)];
+            for (column, weight) in &x.plan.weights {
+                row[at.theta() + column] -= dt * x.plan.by_weights[*weight];
+            }
             for k in 0..n {
                 row[k] -= dt * x.pulled[n + k];
                 row[n + k] -= dt * x.pulled[2 * n + k];
@@ -301,9 +344,17 @@ impl System {
     }
 
     /// How the bases that give way change, eliminated from the joints' rows. Leaves the rigid workspace at the velocities of the state.
-    fn base_change(&self, ws: &mut StepWorkspace, state: &State, dt: f64, at: Columns, first: bool, x: &mut Linearisation) {
+    fn base_change(
+        &self,
+        ws: &mut StepWorkspace,
+        state: &State,
+        dt: f64,
+        at: Columns,
+        first: bool,
+        x: &mut Linearisation,
+    ) -> Result<(), DynamicsError> {
         let (multibody, n) = (self.multibody(), at.n);
-        let Some(sweep) = &mut x.sweep else { return };
+        let Some(sweep) = &mut x.sweep else { return Ok(()) };
         ws.rigid.v.copy_from_slice(&state.v);
         multibody.velocities(&mut ws.rigid);
         for (i, (place, base)) in self.sways.iter().zip(&ws.bases).enumerate() {
@@ -314,14 +365,29 @@ impl System {
             let acceleration = d * ((motion.next_rate(base, w) - motion.rate) / dt) + multibody.gravity;
             ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
             place.move_base(&mut ws.rigid, multibody, &acceleration, &d);
-            multibody.sweep_back_on::<true>(&mut ws.rigid, &x.zeros, &x.a, false, sweep);
+            let parameters = x.plan.has_rigid();
+            sweep.clear();
+            multibody.sweep_back_on::<true>(&mut ws.rigid, &x.zeros, &x.a, parameters, sweep);
             let row = &mut x.bases[at.row(i)];
             row.fill(0.0);
+            if parameters {
+                x.plan.add_sweep(multibody, sweep, dt, &mut row[at.theta()..])?;
+            }
+            let placed = &self.placements()[place.placement];
+            if !x.plan.theta.is_empty() {
+                let (rate, sway) = (motion.next_rate(base, w), &motion.sway);
+                let (sum, change) = (rate + motion.rate, rate - motion.rate);
+                for (k, column) in x.plan.theta[placed.theta.clone()].iter().enumerate().filter(|(_, c)| **c < at.parameters) {
+                    let held = 0.25 * dt * dt * sway.stiffness.d_theta[k] + 0.5 * dt * sway.damping.d_theta[k];
+                    let by_force = dt * state.z[placed.z.start] * sway.stiffness.d_theta[k];
+                    row[at.theta() + column] += change * sway.mass.d_theta[k] + sum * held + by_force;
+                }
+            }
             for k in 0..n {
                 row[k] = dt * sweep.q[k];
                 row[n + k] = dt * sweep.v[k] - sweep.a[k];
             }
-            let z = at.z() + self.placements()[place.placement].z.start;
+            let z = at.z() + placed.z.start;
             row[z] = dt * motion.sway.stiffness.value;
             row[z + 1] = -motion.inward;
             for (j, p) in base.momentum.iter().enumerate() {
@@ -334,6 +400,7 @@ impl System {
                 }
             }
         }
+        Ok(())
     }
 
     /// How the load on each joint, `-ID(q, v, 0)`, changes with position and velocity. Leaves the rigid workspace at the velocities of
@@ -348,10 +415,16 @@ impl System {
         multibody.velocities(&mut ws.rigid);
         multibody.forces(&mut ws.rigid, None, true);
         multibody.differentiate(&mut ws.rigid);
-        for (i, row) in x.load.chunks_exact_mut(2 * at.n).enumerate() {
-            for (load, by) in row.iter_mut().zip(ws.rigid.variation.row(i)) {
+        for (i, row) in x.load.chunks_exact_mut(at.width().max(1)).enumerate() {
+            let (by_state, rest) = row.split_at_mut(2 * at.n);
+            for (load, by) in by_state.iter_mut().zip(ws.rigid.variation.row(i)) {
                 *load = -by;
             }
+            rest.fill(0.0);
+        }
+        if x.plan.has_rigid() {
+            let mut rows = Rows { values: &mut x.load, width: at.width(), first: at.theta() };
+            x.plan.add_rigid(multibody, &ws.rigid, &x.zeros, -1.0, false, None, &mut rows);
         }
     }
 
@@ -376,7 +449,7 @@ impl System {
             placed.effect.command(self.theta_of(placed), &self.instant(placed, &taken, ws.seen[i]), &mut transfer);
             let row = &mut x.reached[at.row(placed.v)];
             row.iter_mut().for_each(|r| *r *= transfer.output.d_input);
-            add_partial(row, placed, &transfer.output, at);
+            add_partial(row, placed, &transfer.output, at, &x.plan.theta);
             if placed.effect.keeps_history() {
                 let history = at.z() + placed.z.start + placed.effect.states();
                 for (r, d) in row[history..history + HISTORY].iter_mut().zip(transfer.d_history) {
@@ -429,11 +502,11 @@ impl System {
                 self.load_change(ws, state, at, x);
             }
             x.row.fill(0.0);
-            add_partial(&mut x.row, placed, z, at);
+            add_partial(&mut x.row, placed, z, at, &x.plan.theta);
             add_row(&mut x.row, z.d_next, &x.change[at.row(k)]);
             add_input(&mut x.row, k, z.d_input, &x.reached, at);
             if z.d_load != 0.0 {
-                add_row(&mut x.row[..2 * at.n], z.d_load, &x.load[k * 2 * at.n..(k + 1) * 2 * at.n]);
+                add_row(&mut x.row, z.d_load, &x.load[at.row(k)]);
             }
             x.put(at.z() + placed.z.start + s, at);
         }
@@ -518,7 +591,7 @@ impl System {
 
     fn write(&self, w: &[f64], dt: f64, at: Columns, x: &mut Linearisation) {
         let (n, rows) = (at.n, at.u());
-        let columns = x.A.as_mut_slice().chunks_exact_mut(rows.max(1)).chain(x.B.as_mut_slice().chunks_exact_mut(rows.max(1)));
+        let columns = [&mut x.A, &mut x.B, &mut x.P].into_iter().flat_map(|x| x.as_mut_slice().chunks_exact_mut(rows.max(1)));
         for (k, column) in columns.enumerate() {
             let (positions, rest) = column.split_at_mut(n);
             for ((row, q), v) in x.change.chunks_exact(at.width().max(1)).zip(positions).zip(rest) {
@@ -545,13 +618,16 @@ impl System {
 }
 
 impl Linearisation {
-    /// Writes `self.row` into A and B.
+    /// Writes `self.row` into A, B and P.
     fn put(&mut self, i: usize, at: Columns) {
         for (k, value) in self.row[..at.u()].iter().enumerate() {
             self.A[(i, k)] = *value;
         }
         for (k, value) in self.row[at.u()..at.u() + at.n].iter().enumerate() {
             self.B[(i, k)] = *value;
+        }
+        for (k, value) in self.row[at.theta()..at.theta() + at.parameters].iter().enumerate() {
+            self.P[(i, k)] = *value;
         }
     }
 }
@@ -572,8 +648,9 @@ fn add_row(row: &mut [f64], factor: f64, other: &[f64]) {
     }
 }
 
-/// Adds the partials of a value by its joint's position and velocity and by its effect's inner states.
-fn add_partial(row: &mut [f64], placed: &Placement, value: &Partial, at: Columns) {
+/// Adds the partials of a value by its joint's position and velocity, and by its effect's inner states and parameters: `theta` are the
+/// columns of these, where there are any.
+fn add_partial(row: &mut [f64], placed: &Placement, value: &Partial, at: Columns, theta: &[usize]) {
     if placed.q.is_some() {
         row[placed.v] += value.d_q;
     }
@@ -581,6 +658,11 @@ fn add_partial(row: &mut [f64], placed: &Placement, value: &Partial, at: Columns
     let z = at.z() + placed.z.start..at.z() + placed.z.end;
     for (r, d) in row[z].iter_mut().zip(value.d_z) {
         *r += d;
+    }
+    if let Some(columns) = theta.get(placed.theta.clone()) {
+        for (column, d) in columns.iter().zip(value.d_theta).filter(|(c, _)| **c < at.parameters) {
+            row[at.theta() + column] += d;
+        }
     }
 }
 

@@ -11,7 +11,7 @@
 //! | armature | `part/joint.armature`, `.armature.1` and on where it has several degrees of freedom | kg m^2 or kg |
 //! | effect | `part/joint.viscous_friction.damping`; the second effect of one name on one joint `...friction#2.damping` | the effect's own |
 //! | surface | `part/link.surface.friction`, `.stiffness`, `.dissipation`; the second shape of one link `...surface#2...` | as `ContactMaterial` |
-//! | shape | `part/link.shape.turn.x`, `part/link.shape.place.x`, likewise | turn against the one that it had, rad; place on its body, m |
+//! | shape | `part/link.shape.turn.x`, `part/link.shape.place.x`, likewise | turn against the one that it had, rad; place on its link, m |
 //! | residual | `residual.weight.7` | 1 |
 //!
 //! A pattern may hold `*` for anything: `microwave/hinge.*`, `*.axis.*`.
@@ -35,10 +35,12 @@
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::JointKind;
 
-use crate::effects::Prior;
+use crate::algorithms::adjoint::by_axis;
+use crate::effects::{Acts, Partial, Prior, Reshape};
 use crate::error::{check, hint};
 use crate::multibody::length;
-use crate::{DynamicsError, JointId, LinkId, Multibody, NaturalGradient, SpatialInertia, System, Wanted};
+use crate::spatial::join;
+use crate::{DynamicsError, JointId, LinkId, Multibody, NaturalGradient, Placement, SpatialInertia, SpatialVector, System, Wanted};
 
 /// Names one entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -64,7 +66,7 @@ pub enum ParameterId {
     },
     /// Friction, stiffness or dissipation (0 to 2) of a shape's surface; shapes in the order of the system's.
     Surface(usize, usize),
-    /// Turn (0 to 2) and place (3 to 5) of a shape on its body.
+    /// Turn (0 to 2) and place (3 to 5) of a shape on its link; on the world for what belongs to the scene.
     ShapePose(usize, usize),
     /// A weight of the residual.
     Residual(usize),
@@ -105,7 +107,7 @@ pub enum ParameterKind {
 
 /// Some parameters of a system, in order. It names them and holds no values: [`Self::values`] reads them,
 /// [`System::set_parameters`] writes them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct ParameterVector {
     entries: Vec<Entry>,
 }
@@ -235,7 +237,7 @@ impl System {
                 let (what, unit) = if k < 3 { ("turn", "rad") } else { ("place", "m") };
                 let name = format!("{}.shape{which}.{what}.{}", geometry.name, XYZ[k % 3]);
                 let bounds = if k < 3 { ANY } else { LENGTH };
-                push(ParameterId::ShapePose(g, k), ParameterKind::ShapePose, name, unit, bounds, Reference::Turn(turn_of(&geometry.R_BG)));
+                push(ParameterId::ShapePose(g, k), ParameterKind::ShapePose, name, unit, bounds, Reference::Turn(turn_of(&geometry.R_LG)));
             }
         }
         for k in 0..self.residual().map_or(0, |r| r.network().weights().len()) {
@@ -346,7 +348,7 @@ impl System {
                 ParameterId::ShapePose(g, k) => {
                     if let (Some(contacts), Reference::Turn(from)) = (&self.contacts, entry.from) {
                         let geometry = &contacts.geometries[g];
-                        let make = || (from, (from.inverse() * turn_of(&geometry.R_BG)).scaled_axis(), geometry.p_BG);
+                        let make = || (from, (from.inverse() * turn_of(&geometry.R_LG)).scaled_axis(), geometry.p_LG);
                         let at: &mut (UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>) = find_or(&mut shapes, g, make);
                         if k < 3 { at.1[k] = *value } else { at.2[k - 3] = *value }
                     }
@@ -362,10 +364,12 @@ impl System {
         for (g, (from, turn, place)) in shapes {
             if let Some(contacts) = &mut self.contacts {
                 let geometry = &mut contacts.geometries[g];
-                geometry.R_BG = crate::joint::matrix(&(from * UnitQuaternion::from_scaled_axis(turn)));
-                geometry.p_BG = place;
+                geometry.R_LG = crate::joint::matrix(&(from * UnitQuaternion::from_scaled_axis(turn)));
+                geometry.p_LG = place;
             }
         }
+        self.place_shapes();
+        self.changed();
         if let (Some(residual), Some(weights)) = (self.residual_mut(), weights) {
             residual.set_weights(&weights)?;
         }
@@ -464,7 +468,7 @@ impl ParameterVector {
             }),
             (ParameterId::ShapePose(g, k), Reference::Turn(from)) => system.contacts.as_ref().map_or(0.0, |c| {
                 let geometry = &c.geometries[g];
-                if k < 3 { (from.inverse() * turn_of(&geometry.R_BG)).scaled_axis()[k] } else { geometry.p_BG[k - 3] }
+                if k < 3 { (from.inverse() * turn_of(&geometry.R_LG)).scaled_axis()[k] } else { geometry.p_LG[k - 3] }
             }),
             (ParameterId::Residual(k), _) => system.residual().map_or(0.0, |r| r.network().weights()[k]),
             (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..) | ParameterId::ShapePose(..), _) => 0.0,
@@ -516,7 +520,7 @@ impl ParameterVector {
                 (ParameterId::Effect { placement, parameter }, _) => natural.theta[system.placements()[placement].theta.start + parameter],
                 (ParameterId::Surface(g, k), _) => natural.material[g][k],
                 (ParameterId::ShapePose(g, k), Reference::Turn(from)) => system.contacts.as_ref().map_or(0.0, |c| {
-                    let (twist, R) = (&natural.shape[g], &c.geometries[g].R_BG);
+                    let (twist, R) = (&natural.shape[g], &c.geometries[g].R_LG);
                     if k < 3 {
                         let turn = (from.inverse() * turn_of(R)).scaled_axis();
                         left_jacobian(&turn, &Vector3::new(twist[0], twist[1], twist[2]))[k]
@@ -527,6 +531,71 @@ impl ParameterVector {
                 (ParameterId::Residual(k), _) => natural.weights[k],
                 (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..) | ParameterId::ShapePose(..), _) => 0.0,
             };
+        }
+        Ok(())
+    }
+
+    /// What each entry changes in the coordinates in which the dynamics is written, at the system's present values: the columns whose
+    /// transpose is [`Self::gradient`]. Calls `out` with the entry; an entry can change several things. The order of calls depends on
+    /// the system's shape alone.
+    pub(crate) fn directions(&self, system: &System, mut out: impl FnMut(usize, Direction)) -> Result<(), DynamicsError> {
+        self.check_owner(system)?;
+        let multibody = system.given();
+        let mut last: Option<(LinkId, [[f64; 10]; 10])> = None;
+        for (column, entry) in self.entries.iter().enumerate() {
+            match (entry.id, entry.from) {
+                (ParameterId::LinkMass(link) | ParameterId::LinkCenter(link, _) | ParameterId::LinkInertia(link, _), _) => {
+                    let by = match last {
+                        Some((of, by)) if of == link => by,
+                        _ => LogCholesky::of(multibody.link_inertia(link)).push(),
+                    };
+                    last = Some((link, by));
+                    let k = match entry.id {
+                        ParameterId::LinkCenter(_, k) => 1 + k,
+                        ParameterId::LinkInertia(_, k) => 4 + k,
+                        _ => 0,
+                    };
+                    out(column, Direction::Inertia(link.0, by[k]));
+                }
+                (ParameterId::JointAxis(joint, k), Reference::Axis(from)) => {
+                    let turn = turn_of_axis(&from, &multibody.joint_axis(joint).into_inner());
+                    let moved = reshape(system, joint).0 * turned_axis(&from, &turn).1[k];
+                    out(column, Direction::Axis(joint.0, turn_of_frame(system, joint, &moved)));
+                }
+                (ParameterId::JointOrigin(joint, k), Reference::Turn(from)) => {
+                    let X = multibody.joint_origin(joint);
+                    let twist = if k < 3 {
+                        let turn = (from.inverse() * X.rotation).scaled_axis();
+                        // The transpose of the left Jacobian is that of the opposite turn.
+                        let w = left_jacobian(&-turn, &Vector3::ith(k, 1.0));
+                        join(&w, &w.cross(&reshape(system, joint).1))
+                    } else {
+                        join(&Vector3::zeros(), &(X.rotation.inverse() * Vector3::ith(k - 3, 1.0)))
+                    };
+                    out(column, Direction::Origin(joint.0, twist));
+                }
+                (ParameterId::Armature(v), _) => out(column, Direction::Armature(v, 1.0)),
+                (ParameterId::Effect { placement, parameter }, _) => {
+                    let placed = &system.placements()[placement];
+                    out(column, Direction::Effect(placed.theta.start + parameter));
+                    if placed.effect.description().acts == Acts::Bodies {
+                        reshape_directions(system, placed, parameter, |direction| out(column, direction));
+                    }
+                }
+                (ParameterId::Surface(g, k), _) => out(column, Direction::Surface(g, k)),
+                (ParameterId::ShapePose(g, k), Reference::Turn(from)) => {
+                    let R = system.contacts.as_ref().map_or_else(Matrix3::identity, |c| c.geometries[g].R_LG);
+                    let twist = if k < 3 {
+                        let turn = (from.inverse() * turn_of(&R)).scaled_axis();
+                        join(&left_jacobian(&-turn, &Vector3::ith(k, 1.0)), &Vector3::zeros())
+                    } else {
+                        join(&Vector3::zeros(), &R.tr_mul(&Vector3::ith(k - 3, 1.0)))
+                    };
+                    out(column, Direction::Shape(g, twist));
+                }
+                (ParameterId::Residual(k), _) => out(column, Direction::Weight(k)),
+                (ParameterId::JointAxis(..) | ParameterId::JointOrigin(..) | ParameterId::ShapePose(..), _) => {}
+            }
         }
         Ok(())
     }
@@ -551,6 +620,51 @@ impl ParameterVector {
             }),
         }
     }
+}
+
+/// What one entry of a vector changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Direction {
+    /// The ten entries of a link's inertia, in its frame.
+    Inertia(usize, [f64; 10]),
+    /// A joint's origin, along a twist in the joint's frame.
+    Origin(usize, SpatialVector),
+    /// A joint's axis: it goes with this turn of the joint's frame, and the child turns back.
+    Axis(usize, Vector3<f64>),
+    /// The armature of a degree of freedom.
+    Armature(usize, f64),
+    /// A parameter of an effect.
+    Effect(usize),
+    /// Friction, stiffness or dissipation of a shape's surface.
+    Surface(usize, usize),
+    /// A shape on its link, along a twist in its own frame.
+    Shape(usize, SpatialVector),
+    /// A weight of the residual.
+    Weight(usize),
+}
+
+/// The turn of a joint's frame, in it, that moves its axis (as it stands, with what effects turn it by) by `moved`: the transpose of
+/// [`by_axis`].
+fn turn_of_frame(system: &System, joint: JointId, moved: &Vector3<f64>) -> Vector3<f64> {
+    let mount = &system.multibody().mounts[joint.0];
+    let axis = system.multibody().bodies[mount.body].motion.axis;
+    Vector3::from_fn(|k, _| by_axis(mount.kind, &axis, &Vector3::ith(k, 1.0)).dot(moved))
+}
+
+/// What a parameter of an effect on the rigid bodies changes of them.
+fn reshape_directions(system: &System, placed: &Placement, k: usize, mut out: impl FnMut(Direction)) {
+    let multibody = system.multibody();
+    let moves = |m: &crate::multibody::Mount| m.kind != JointKind::Fixed && multibody.bodies[m.body].v == placed.v;
+    let Some(m) = multibody.mounts.iter().position(|m| moves(m) && !multibody.bodies[m.body].follows) else { return };
+    let mut change = Reshape::default();
+    placed.effect.reshape(system.theta_of(placed), &mut change);
+    let three = |x: &[Partial; 3]| Vector3::new(x[0].d_theta[k], x[1].d_theta[k], x[2].d_theta[k]);
+    out(Direction::Armature(placed.v, change.armature.d_theta[k]));
+    out(Direction::Inertia(multibody.mounts[m].child, change.inertia.map(|p| p.d_theta[k])));
+    let axis = multibody.bodies[multibody.mounts[m].body].motion.axis;
+    let moved = left_jacobian(&change.turn(), &three(&change.turn)).cross(&axis);
+    out(Direction::Axis(m, turn_of_frame(system, JointId(m), &moved)));
+    out(Direction::Origin(m, join(&Vector3::zeros(), &three(&change.shift))));
 }
 
 /// What effects turn a joint's axis by, and shift its origin by, in the joint's frame.
@@ -662,6 +776,21 @@ impl LogCholesky {
                 out[4 + k] = by_U[(k, k)] * U[(k, k)];
             }
             (out[7], out[8], out[9]) = (by_U[(0, 1)], by_U[(1, 2)], by_U[(0, 2)]);
+        }
+        out
+    }
+}
+
+impl LogCholesky {
+    /// The changes of the inertia's ten entries by each of the ten of the factor: the columns whose transpose is [`Self::pull`].
+    fn push(&self) -> [[f64; 10]; 10] {
+        let mut out = [[0.0; 10]; 10];
+        for entry in 0..10 {
+            let mut unit = [0.0; 10];
+            unit[entry] = 1.0;
+            for (column, by) in out.iter_mut().zip(self.pull(&unit)) {
+                column[entry] = by;
+            }
         }
         out
     }

@@ -296,8 +296,7 @@ impl System {
 
     /// What the sensors of a joint read in a state. `v` is the joint's entry in velocities, `effort` the true one.
     pub fn measure(&self, state: &State, effort: f64, v: usize) -> Reading {
-        let q = self.multibody().joints().iter().find(|j| j.v == (v..v + 1)).map_or(0.0, |j| state.q[j.q.start]);
-        let mut reading = Reading::perfect(q, state.v[v], effort, state.time);
+        let mut reading = self.perfect_reading(state, effort, v).unwrap_or_default();
         for &i in &self.measurements {
             if self.placements()[i].v == v {
                 reading = self.read(i, state, &reading);
@@ -306,7 +305,13 @@ impl System {
         reading
     }
 
-    fn read(&self, i: usize, state: &State, incoming: &Reading) -> Reading {
+    /// What perfect sensors read on a degree of freedom; none where there is no such.
+    pub(crate) fn perfect_reading(&self, state: &State, effort: f64, v: usize) -> Option<Reading> {
+        let q = self.multibody().joints().iter().find(|j| j.v == (v..v + 1)).map_or(0.0, |j| state.q[j.q.start]);
+        Some(Reading::perfect(q, *state.v.get(v)?, effort, state.time))
+    }
+
+    pub(crate) fn read(&self, i: usize, state: &State, incoming: &Reading) -> Reading {
         let placed = &self.placements()[i];
         let [position, velocity, effort, stamp] = [incoming.position, incoming.velocity, incoming.effort, incoming.stamp].map(|p| p.value);
         let mut out = Reading::perfect(position, velocity, effort, stamp);
@@ -320,8 +325,7 @@ impl System {
     /// The way back through the sensors of a joint. `reading` are cotangents of the position, velocity, effort and stamp that are
     /// read; they go out as those of the true position, velocity, effort and time.
     pub fn measure_back(&self, state: &State, effort: f64, v: usize, reading: &mut [f64; 4], z: &mut [f64], theta: &mut [f64]) {
-        let q = self.multibody().joints().iter().find(|j| j.v == (v..v + 1)).map_or(0.0, |j| state.q[j.q.start]);
-        let perfect = Reading::perfect(q, state.v[v], effort, state.time);
+        let perfect = self.perfect_reading(state, effort, v).unwrap_or_default();
         self.read_back(0, state, v, &perfect, reading, z, theta);
     }
 
@@ -489,6 +493,8 @@ impl DerefMut for MultibodyMut<'_> {
 impl Drop for MultibodyMut<'_> {
     fn drop(&mut self) {
         self.0.apply_reshapes();
+        self.0.place_shapes();
+        self.0.changed();
     }
 }
 
@@ -512,5 +518,6 @@ impl DerefMut for ParametersMut<'_> {
 impl Drop for ParametersMut<'_> {
     fn drop(&mut self) {
         self.0.apply_reshapes();
+        self.0.changed();
     }
 }

@@ -1,6 +1,7 @@
 //! A multibody with the effects on its joints: what one simulates and plans with.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use sagci_model::{EffectEntry, JointKind};
 
@@ -39,6 +40,8 @@ pub struct System {
     pub(crate) residual: Option<Placed>,
     /// What touches; nothing if there is none.
     pub(crate) contacts: Option<Box<Contacts>>,
+    /// Tells systems with other inertias, joints and shapes apart, in all of a program: what is derived from them is kept by it.
+    pub(crate) stamp: u64,
 }
 
 /// One effect at its place.
@@ -104,8 +107,10 @@ impl System {
             coriolis: Coriolis::default(),
             residual: None,
             contacts: None,
+            stamp: 0,
             multibody,
         };
+        system.changed();
         for joint in system.multibody.joints().to_vec() {
             let [lower, upper] = [joint.limits.lower, joint.limits.upper];
             if lower.is_nan() || upper.is_nan() || lower > upper {
@@ -363,6 +368,12 @@ impl System {
             }
         }
         Ok(())
+    }
+
+    /// Says that inertias, joints or shapes may have changed.
+    pub(crate) fn changed(&mut self) {
+        static LAST: AtomicU64 = AtomicU64::new(0);
+        self.stamp = 1 + LAST.fetch_add(1, Ordering::Relaxed);
     }
 
     pub(crate) fn check_state(&self, state: &State) -> Result<(), DynamicsError> {

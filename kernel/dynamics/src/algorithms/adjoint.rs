@@ -148,6 +148,16 @@ impl Adjoint {
         self.seed_body(multibody.frames[link.0].body, pose, velocity);
     }
 
+    /// The gradient by the lumped inertia of a body in its frame, so far.
+    pub(crate) fn by_body_inertia(&self, body: usize) -> &[f64; 10] {
+        &self.bodies[body].inertia
+    }
+
+    /// The gradient by a turn of a body's joint's axis, in the joint's frame, so far.
+    pub(crate) fn by_turn(&self, body: usize) -> &Vector3<f64> {
+        &self.bodies[body].turn
+    }
+
     pub(crate) fn seed_body(&mut self, body: usize, pose: &SpatialVector, velocity: &SpatialVector) {
         self.pose[body] += pose;
         self.velocity[body] += velocity;

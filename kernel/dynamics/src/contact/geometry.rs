@@ -57,6 +57,10 @@ pub(crate) struct Geometry {
     pub part: Option<usize>,
     /// Index among the multibody's frames; `None` for what belongs to the scene.
     pub frame: Option<usize>,
+    /// Pose on its link; for what belongs to the scene in the world.
+    pub R_LG: Matrix3<f64>,
+    pub p_LG: Vector3<f64>,
+    /// Pose on its body.
     pub R_BG: Matrix3<f64>,
     pub p_BG: Vector3<f64>,
     pub solid: Solid,
@@ -88,7 +92,7 @@ impl Geometry {
         name: String,
         body: usize,
         (part, frame): (Option<usize>, Option<usize>),
-        X_BG: &Isometry3<f64>,
+        X_LG: &Isometry3<f64>,
         solid: Solid,
         material: ContactMaterial,
     ) -> Result<Self, DynamicsError> {
@@ -102,7 +106,7 @@ impl Geometry {
         if let Some(bad) = lengths.iter().find(|x| !(**x > 0.0 && x.is_finite())) {
             return Err(fault(format!("has a shape with a length of {bad}; lengths must be positive")));
         }
-        if !X_BG.to_homogeneous().iter().all(|x| x.is_finite()) {
+        if !X_LG.to_homogeneous().iter().all(|x| x.is_finite()) {
             return Err(fault("has a shape whose pose is not finite".into()));
         }
         let radius = match &solid {
@@ -114,7 +118,18 @@ impl Geometry {
             }
         };
         material.check(&name)?;
-        Ok(Self { name, body, part, frame, R_BG: matrix(&X_BG.rotation), p_BG: X_BG.translation.vector, solid, radius, material })
+        let (R, p) = (matrix(&X_LG.rotation), X_LG.translation.vector);
+        Ok(Self { name, body, part, frame, R_LG: R, p_LG: p, R_BG: R, p_BG: p, solid, radius, material })
+    }
+
+    /// Goes where its link is on the body.
+    pub fn place(&mut self, multibody: &Multibody) {
+        (self.R_BG, self.p_BG) = (self.R_LG, self.p_LG);
+        if let Some(frame) = self.frame {
+            let X = &multibody.frames[frame].X_BL;
+            let R = matrix(&X.rotation);
+            (self.R_BG, self.p_BG) = (R * self.R_LG, X.translation.vector + R * self.p_LG);
+        }
     }
 
     fn hull(&self) -> Option<&Polytope> {
@@ -136,9 +151,11 @@ pub(crate) fn of_parts(multibody: &Multibody, parts: &[Part<'_>], options: &Cont
             message: "is not among these parts; give the parts that the system was made from".into(),
         })?;
         for shape in &link.collisions {
-            let X_BG = frame.X_BL * shape.X_LG;
             for solid in solids(shape, &name)? {
-                out.push(Geometry::new(name.clone(), frame.body, (Some(frame.part), Some(id)), &X_BG, solid, options.material)?);
+                let part = (Some(frame.part), Some(id));
+                let mut geometry = Geometry::new(name.clone(), frame.body, part, &shape.X_LG, solid, options.material)?;
+                geometry.place(multibody);
+                out.push(geometry);
             }
         }
     }

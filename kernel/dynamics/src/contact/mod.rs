@@ -329,6 +329,14 @@ impl System {
         change(&mut contacts);
         contacts.rebuild(self.multibody());
         self.contacts = Some(contacts);
+        self.changed();
+    }
+
+    /// Puts shapes where their links are.
+    pub(crate) fn place_shapes(&mut self) {
+        for geometry in self.contacts.iter_mut().flat_map(|c| &mut c.geometries) {
+            geometry.place(&self.multibody);
+        }
     }
 }
 
