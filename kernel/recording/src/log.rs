@@ -35,6 +35,9 @@ pub struct JointLog {
     pub effort: Option<Series>,
     /// What was commanded. A value acts from its time until that of the next one.
     pub command: Option<(CommandKind, Series)>,
+    /// Intervals `[from, to)`, s, in which nothing was commanded: a value from before does not act there. At a commanded voltage the
+    /// circuit is open: the drive gives no effort. `to` is infinite where no command follows. In order, apart, not empty.
+    pub command_gaps: Vec<[f64; 2]>,
 }
 
 /// A force that was measured at a link.
@@ -72,6 +75,20 @@ pub struct Log {
     pub notes: Vec<Note>,
     /// Its times run on from the recording before it: heat and drift go on.
     pub continues: bool,
+    /// Whole seconds that were taken off every time, the same for all recordings that were read together; zero unless the clock counts
+    /// from long ago (1970, say), where times in s would be coarse.
+    pub epoch: i64,
+}
+
+impl JointLog {
+    /// What acts at a time: the last command before it, unless there was none or a gap began since.
+    pub fn command_at(&self, time: f64) -> Option<f64> {
+        let (_, series) = self.command.as_ref()?;
+        if self.command_gaps.iter().any(|[from, to]| *from <= time && time < *to) {
+            return None;
+        }
+        series.value.get(series.time.partition_point(|t| *t <= time).checked_sub(1)?).copied()
+    }
 }
 
 impl Log {

@@ -1,58 +1,26 @@
 //! Messages to bytes and back.
 
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use sagci_recording::cdr::{Reader, Writer};
+use sagci_recording::{JointState, WrenchStamped};
 use sagci_signal::{Command, DepthImage, GripperCommand, Observation, Wrench};
 use serde_json::{Value, json};
 
-use super::cdr::{Reader, Writer};
 use super::nanoseconds;
 use crate::truth::TrueFrame;
-
-/// sensor_msgs/msg/JointState.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct JointState {
-    pub time: u64,
-    pub name: Vec<String>,
-    pub position: Vec<f64>,
-    pub velocity: Vec<f64>,
-    pub effort: Vec<f64>,
-}
-
-impl JointState {
-    pub fn read(bytes: &[u8]) -> Result<Self, String> {
-        let mut r = Reader::new(bytes)?;
-        let time = r.time()?;
-        r.text()?;
-        let state = Self { time, name: r.texts()?, position: r.f64s()?, velocity: r.f64s()?, effort: r.f64s()? };
-        r.finish()?;
-        let count = state.name.len();
-        for (what, length) in [("positions", state.position.len()), ("velocities", state.velocity.len()), ("efforts", state.effort.len())] {
-            if length != count && length != 0 {
-                return Err(format!("the message names {count} joints, but gives {length} {what}"));
-            }
-        }
-        Ok(state)
-    }
-}
-
-fn joint_state<'a>(time: u64, name: impl ExactSizeIterator<Item = &'a str>, position: &[f64], velocity: &[f64], effort: &[f64]) -> Vec<u8> {
-    let mut w = Writer::new();
-    w.time(time).text("").texts(name).f64s(position).f64s(velocity).f64s(effort);
-    w.finish()
-}
 
 /// The arm's joints, then both fingers, each half of the opening.
 pub(super) fn observation(observation: &Observation, arm: &[String], fingers: &[String; 2]) -> Vec<u8> {
     let half = observation.gripper_width / 2.0;
     let with = |values: &[f64], last: f64| [values, &[last, last]].concat();
-    let names: Vec<&str> = arm.iter().chain(fingers).map(String::as_str).collect();
-    joint_state(
-        nanoseconds(observation.time),
-        names.into_iter(),
-        &with(&observation.q, half),
-        &with(&observation.v, 0.0),
-        &with(&observation.tau, observation.gripper_force),
-    )
+    let state = JointState {
+        time: nanoseconds(observation.time),
+        name: arm.iter().chain(fingers).cloned().collect(),
+        position: with(&observation.q, half),
+        velocity: with(&observation.v, 0.0),
+        effort: with(&observation.tau, observation.gripper_force),
+    };
+    state.write()
 }
 
 /// An observation without its wrench, from a message of [`observation`].
@@ -73,11 +41,16 @@ pub(super) fn to_observation(state: JointState) -> Result<Observation, String> {
 
 /// Efforts of the arm's joints; for the gripper the opening as its position and the force as its effort.
 pub(super) fn command(time: u64, command: &Command, arm: &[String]) -> Vec<u8> {
-    let names: Vec<&str> = arm.iter().map(String::as_str).chain(["gripper"]).collect();
     let mut position = vec![f64::NAN; command.tau.len()];
     position.push(command.gripper.width);
-    let effort = [command.tau.as_slice(), &[command.gripper.force]].concat();
-    joint_state(time, names.into_iter(), &position, &[], &effort)
+    let state = JointState {
+        time,
+        name: arm.iter().cloned().chain(["gripper".to_owned()]).collect(),
+        position,
+        velocity: Vec::new(),
+        effort: [command.tau.as_slice(), &[command.gripper.force]].concat(),
+    };
+    state.write()
 }
 
 pub(super) fn to_command(state: &JointState) -> Result<Command, String> {
@@ -89,22 +62,12 @@ pub(super) fn to_command(state: &JointState) -> Result<Command, String> {
 
 /// geometry_msgs/msg/WrenchStamped.
 pub(super) fn wrench(time: u64, frame: &str, wrench: &Wrench) -> Vec<u8> {
-    let mut w = Writer::new();
-    w.time(time).text(frame);
-    for v in wrench.force.iter().chain(wrench.torque.iter()) {
-        w.f64(*v);
-    }
-    w.finish()
+    WrenchStamped { time, frame: frame.to_owned(), force: wrench.force.into(), torque: wrench.torque.into() }.write()
 }
 
 pub(super) fn to_wrench(bytes: &[u8]) -> Result<(u64, Wrench), String> {
-    let mut r = Reader::new(bytes)?;
-    let time = r.time()?;
-    r.text()?;
-    let force = Vector3::new(r.f64()?, r.f64()?, r.f64()?);
-    let torque = Vector3::new(r.f64()?, r.f64()?, r.f64()?);
-    r.finish()?;
-    Ok((time, Wrench { force, torque }))
+    let wrench = WrenchStamped::read(bytes)?;
+    Ok((wrench.time, Wrench { force: wrench.force.into(), torque: wrench.torque.into() }))
 }
 
 /// std_msgs/msg/String.

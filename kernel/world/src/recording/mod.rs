@@ -22,7 +22,6 @@
 //! `/truth` is written in this crate from what only this crate knows. [`Recording`] does not give it out; only
 //! [`replay_states`] shows it, to a person, after the run.
 
-mod cdr;
 mod error;
 mod journal;
 mod message;
@@ -36,9 +35,10 @@ mod world;
 
 pub use error::RecordingError;
 pub use journal::{Journal, Level};
-pub use reader::{Cut, Entry, PhaseEntry, Recording};
+pub use reader::{Entry, PhaseEntry, Recording};
 pub use record::{Outcome, RunRecord, Versioned};
 pub use replay::{Replayed, replay_states};
+pub use sagci_recording::Cut;
 pub use world::RecordedWorld;
 
 /// Nanoseconds since the start of the run.

@@ -1,21 +1,17 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Record, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{MAGIC, McapError, parse_record};
+use mcap::records::Record;
+use sagci_recording::{Cut, JointState, records};
 use sagci_signal::{Command, Observation};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::journal::{END, OUTCOME, RUN_RECORD, digest, hexadecimal};
-use super::message::{self, JointState};
+use super::message;
 use super::schema::{CHANNELS, JOINT_COMMANDS, JOINT_STATES, LOG, PHASE, TRUTH, WRENCH};
 use super::{Level, Outcome, RecordingError, RunRecord};
 use crate::truth::TrueFrame;
-
-/// No chunk is larger than this when it is unpacked, bytes.
-const LARGEST_CHUNK: usize = 256 << 20;
 
 /// A recording that was read: what the sensors said, what was commanded, what was told. Not what was true.
 #[derive(Debug, Clone)]
@@ -70,15 +66,6 @@ pub struct PhaseEntry {
     pub progress: f64,
 }
 
-/// Where a file ends too early.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cut {
-    /// Byte at which the last record that is not whole begins.
-    pub offset: u64,
-    /// What is missing.
-    pub message: String,
-}
-
 /// Reads a file record by record, keeping count of where it is.
 struct Loader {
     recording: Recording,
@@ -102,62 +89,16 @@ impl Recording {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|source| RecordingError::File { path: path.to_owned(), source })?;
-        let broken = |offset: usize, message: String| RecordingError::Broken { path: path.to_owned(), offset: offset as u64, message };
-        if !bytes.starts_with(MAGIC) {
-            let message = if MAGIC.starts_with(&bytes) {
-                "the file ends before it has begun; the run was stopped as it started".to_owned()
-            } else {
-                "this is not an MCAP file: its first eight bytes are not the format's magic".to_owned()
-            };
-            return Err(broken(0, message));
-        }
+        let broken = |offset, message| RecordingError::Broken { path: path.to_owned(), offset, message };
         let mut loader = Loader::new(path);
-        let mut at = MAGIC.len();
-        loop {
-            let rest = &bytes[at..];
-            if rest == MAGIC {
-                break;
-            }
-            let cut = |message: String| Some(Cut { offset: at as u64, message });
-            let Some((&opcode, body)) = rest.split_first() else {
-                loader.recording.cut = cut("the closing magic is missing".into());
-                break;
-            };
-            let length = body.get(..8).and_then(|l| l.try_into().ok()).map(u64::from_le_bytes);
-            let Some(length) = length else {
-                loader.recording.cut = cut("the file ends in the length of a record".into());
-                break;
-            };
-            let body = &body[8..];
-            let Some(body) = usize::try_from(length).ok().and_then(|l| body.get(..l)) else {
-                let message = format!("a record of {length} bytes ends after {}", body.len());
-                if opcode == op::CHUNK {
-                    // What a chunk that is cut off still gives.
-                    for inner in ChunkRecords::new(rest, false).map_while(Result::ok) {
-                        loader.take(inner, at)?;
-                    }
-                }
-                loader.recording.cut = cut(message);
-                break;
-            };
-            let record = parse_record(opcode, body).map_err(|e| broken(at, format!("a record cannot be read: {e}")))?;
-            let is_footer = matches!(record, Record::Footer(_));
-            match record {
-                Record::Chunk { .. } => {
-                    let bad = |e| broken(at, format!("a chunk cannot be read: {e}"));
-                    for inner in ChunkRecords::new(&rest[..9 + body.len()], true) {
-                        loader.take(inner.map_err(bad)?, at)?;
-                    }
-                }
-                other => loader.take(other, at)?,
-            }
-            at += 9 + body.len();
-            if is_footer && &bytes[at..] != MAGIC {
-                loader.recording.cut = Some(Cut { offset: at as u64, message: "the closing magic is missing or wrong".into() });
-                break;
-            }
-        }
-        loader.finish(at)
+        let mut end = 0;
+        let cut = records(&bytes, broken, |record, at| {
+            end = at;
+            loader.take(record, at)
+        })?;
+        end = cut.as_ref().map_or(end, |c| c.offset);
+        loader.recording.cut = cut;
+        loader.finish(end)
     }
 
     /// Length of the run as far as it was recorded, s.
@@ -195,11 +136,11 @@ impl Loader {
         }
     }
 
-    fn broken(&self, at: usize, message: String) -> RecordingError {
-        RecordingError::Broken { path: self.recording.path.clone(), offset: at as u64, message }
+    fn broken(&self, at: u64, message: String) -> RecordingError {
+        RecordingError::Broken { path: self.recording.path.clone(), offset: at, message }
     }
 
-    fn take(&mut self, record: Record<'_>, at: usize) -> Result<(), RecordingError> {
+    fn take(&mut self, record: Record<'_>, at: u64) -> Result<(), RecordingError> {
         match record {
             Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, (header.name, header.encoding));
@@ -212,7 +153,7 @@ impl Loader {
                 {
                     return Err(RecordingError::Schema {
                         path: self.recording.path.clone(),
-                        offset: at as u64,
+                        offset: at,
                         channel: channel.topic,
                         expected: format!("{} ({}, {})", c.schema, c.schema_encoding, c.message_encoding),
                         found: format!("{name} ({encoding}, {})", channel.message_encoding),
@@ -289,7 +230,7 @@ impl Loader {
         Ok(())
     }
 
-    fn finish(mut self, at: usize) -> Result<Recording, RecordingError> {
+    fn finish(mut self, at: u64) -> Result<Recording, RecordingError> {
         if !self.has_record {
             let message =
                 "no run record comes before this place: the file was not written by this program, or was cut off as the run started";
@@ -306,42 +247,6 @@ impl Loader {
             self.recording.truth_intact = Some(is("truth_sha256", hexadecimal(self.truth_hash)));
         }
         Ok(self.recording)
-    }
-}
-
-/// The records inside one chunk. Lengths that the file claims are bounded before anything is reserved for them.
-struct ChunkRecords<'a> {
-    rest: &'a [u8],
-    reader: LinearReader,
-}
-
-impl<'a> ChunkRecords<'a> {
-    /// `record` is the chunk's whole record, from its opcode on. If it is whole, its checksum is checked first.
-    fn new(record: &'a [u8], is_whole: bool) -> Self {
-        let mut options =
-            LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true).with_record_length_limit(LARGEST_CHUNK);
-        options.prevalidate_chunk_crcs = is_whole;
-        Self { rest: record, reader: LinearReader::new_with_options(options) }
-    }
-}
-
-impl Iterator for ChunkRecords<'_> {
-    type Item = Result<Record<'static>, McapError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            match self.reader.next_event()? {
-                Ok(LinearReadEvent::ReadRequest(need)) => {
-                    let count = need.min(self.rest.len());
-                    let (now, later) = self.rest.split_at(count);
-                    self.reader.insert(count).copy_from_slice(now);
-                    self.reader.notify_read(count);
-                    self.rest = later;
-                }
-                Ok(LinearReadEvent::Record { data, opcode }) => return Some(parse_record(opcode, data).map(Record::into_owned)),
-                Err(e) => return Some(Err(e)),
-            }
-        }
     }
 }
 

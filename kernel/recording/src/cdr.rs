@@ -1,17 +1,25 @@
-//! Common Data Representation as ROS 2 uses it: XCDR1, little-endian (OMG DDSI-RTPS, "plain CDR").
+//! Common Data Representation as ROS 2 uses it: XCDR1 (OMG DDSI-RTPS 10.2, "plain CDR").
 //!
-//! A message starts with four bytes (0, 1, 0, 0). A number of n bytes stands at a multiple of n counted from after them.
-//! A text is its length with the closing zero as a 32-bit number, its bytes and the zero; a sequence is its length and
-//! its elements.
+//! A message starts with four bytes: 0, then 1 if its numbers are little-endian and 0 if they are big-endian, then two that
+//! say nothing about what follows. A number of n bytes stands at a multiple of n counted from after them. A text is its length
+//! with the closing zero as a 32-bit number, its bytes and the zero; a sequence is its length and its elements.
 
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Writes one message.
-pub(super) struct Writer {
+/// Writes one message, little-endian.
+#[derive(Debug, Clone)]
+pub struct Writer {
     bytes: Vec<u8>,
 }
 
+impl Default for Writer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Writer {
+    /// A message that holds nothing yet.
     pub fn new() -> Self {
         Self { bytes: HEADER.to_vec() }
     }
@@ -21,18 +29,21 @@ impl Writer {
         self.bytes.resize(HEADER.len() + at.next_multiple_of(to), 0);
     }
 
+    /// A whole number of 4 bytes.
     pub fn u32(&mut self, value: u32) -> &mut Self {
         self.align(4);
         self.bytes.extend(value.to_le_bytes());
         self
     }
 
+    /// A number of 8 bytes.
     pub fn f64(&mut self, value: f64) -> &mut Self {
         self.align(8);
         self.bytes.extend(value.to_le_bytes());
         self
     }
 
+    /// A text.
     pub fn text(&mut self, value: &str) -> &mut Self {
         self.u32(value.len() as u32 + 1);
         self.bytes.extend(value.as_bytes());
@@ -40,6 +51,7 @@ impl Writer {
         self
     }
 
+    /// A sequence of texts.
     pub fn texts<'a>(&mut self, values: impl ExactSizeIterator<Item = &'a str>) -> &mut Self {
         self.u32(values.len() as u32);
         for value in values {
@@ -48,6 +60,7 @@ impl Writer {
         self
     }
 
+    /// A sequence of numbers.
     pub fn f64s(&mut self, values: &[f64]) -> &mut Self {
         self.u32(values.len() as u32);
         for value in values {
@@ -56,27 +69,31 @@ impl Writer {
         self
     }
 
-    /// builtin_interfaces/msg/Time.
+    /// builtin_interfaces/msg/Time, from ns.
     pub fn time(&mut self, nanoseconds: u64) -> &mut Self {
         self.u32((nanoseconds / 1_000_000_000) as u32).u32((nanoseconds % 1_000_000_000) as u32)
     }
 
+    /// The message's bytes.
     pub fn finish(self) -> Vec<u8> {
         self.bytes
     }
 }
 
-/// Reads one message.
-pub(super) struct Reader<'a> {
+/// Reads one message. What it says of a message that is not whole is a sentence for a person.
+#[derive(Debug, Clone)]
+pub struct Reader<'a> {
     bytes: &'a [u8],
     at: usize,
+    is_big_endian: bool,
 }
 
 impl<'a> Reader<'a> {
+    /// The message whose bytes these are.
     pub fn new(bytes: &'a [u8]) -> Result<Self, String> {
         match bytes.split_at_checked(HEADER.len()) {
-            Some((head, body)) if head == HEADER => Ok(Self { bytes: body, at: 0 }),
-            Some((head, _)) => Err(format!("the message starts with {head:?}, which is not little-endian plain CDR")),
+            Some((&[0, kind @ (0 | 1), _, _], body)) => Ok(Self { bytes: body, at: 0, is_big_endian: kind == 0 }),
+            Some((head, _)) => Err(format!("the message starts with {head:?}, which is not plain CDR")),
             None => Err(format!("the message has only {} bytes", bytes.len())),
         }
     }
@@ -95,14 +112,19 @@ impl<'a> Reader<'a> {
         self.take(N)?.try_into().map_err(|_| "the message is cut short".to_owned())
     }
 
+    /// A whole number of 4 bytes.
     pub fn u32(&mut self) -> Result<u32, String> {
-        Ok(u32::from_le_bytes(self.array()?))
+        let bytes = self.array()?;
+        Ok(if self.is_big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
+    /// A number of 8 bytes.
     pub fn f64(&mut self) -> Result<f64, String> {
-        Ok(f64::from_le_bytes(self.array()?))
+        let bytes = self.array()?;
+        Ok(if self.is_big_endian { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
     }
 
+    /// A text.
     pub fn text(&mut self) -> Result<String, String> {
         let length = self.u32()? as usize;
         let bytes = self.take(length)?;
@@ -110,16 +132,19 @@ impl<'a> Reader<'a> {
         String::from_utf8(bytes.to_vec()).map_err(|_| "a text of the message is not UTF-8".to_owned())
     }
 
+    /// A sequence of texts.
     pub fn texts(&mut self) -> Result<Vec<String>, String> {
         let count = self.u32()?;
         (0..count).map(|_| self.text()).collect()
     }
 
+    /// A sequence of numbers.
     pub fn f64s(&mut self) -> Result<Vec<f64>, String> {
         let count = self.u32()?;
         (0..count).map(|_| self.f64()).collect()
     }
 
+    /// builtin_interfaces/msg/Time, in ns.
     pub fn time(&mut self) -> Result<u64, String> {
         Ok(u64::from(self.u32()?) * 1_000_000_000 + u64::from(self.u32()?))
     }
@@ -151,6 +176,22 @@ mod tests {
         ]
         .concat();
         assert_eq!(w.finish(), expected);
+    }
+
+    #[test]
+    fn a_message_of_a_big_endian_machine_reads_the_same() {
+        let big: Vec<u8> = [
+            &[0, 0, 0, 0][..],
+            &[0, 0, 0, 3, 0, 0, 0, 7],
+            &[0, 0, 0, 4, b'a', b'r', b'm', 0],
+            &[0, 0, 0, 1, 0, 0, 0, 0],
+            &1.5f64.to_be_bytes(),
+        ]
+        .concat();
+        let mut r = Reader::new(&big).unwrap();
+        assert_eq!((r.time().unwrap(), r.text().unwrap(), r.f64s().unwrap()), (3_000_000_007, "arm".to_owned(), vec![1.5]));
+        r.finish().unwrap();
+        assert!(Reader::new(&[0, 7, 0, 0]).is_err(), "XCDR2 is laid out otherwise");
     }
 
     #[test]
