@@ -119,6 +119,9 @@ impl Problem {
 
     /// Solves from the starting point `self.v`.
     pub fn solve(&mut self) -> Result<(), DynamicsError> {
+        if self.n == 1 {
+            return self.solve_single();
+        }
         for (v, [lower, upper]) in self.v.iter_mut().zip(&self.walls) {
             *v = v.max(*lower).min(*upper);
         }
@@ -159,6 +162,20 @@ impl Problem {
             }
         }
         Err(DynamicsError::NoConvergence { what: WHAT, residual, iterations: rounds })
+    }
+
+    /// One coordinate alone: the least of its own function is the solution.
+    fn solve_single(&mut self) -> Result<(), DynamicsError> {
+        let a = self.A[0];
+        if a.is_nan() || a <= 0.0 {
+            return Err(DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 });
+        }
+        let v = self.minimise(0);
+        self.v[0] = v;
+        self.hold();
+        let pushed: f64 = self.hinges.iter().filter(|h| h.push(v) != 0.0).map(|h| h.slope).sum();
+        self.factor[0][0] = 1.0 / (a + pushed);
+        Ok(())
     }
 
     /// Does the candidate stay on the pieces on which `v` stands? It is the solution then.
@@ -238,7 +255,7 @@ impl Problem {
     /// The best `v_k` with the others as they are: the zero of an increasing, piecewise linear function.
     fn minimise(&mut self, k: usize) -> f64 {
         let a = self.A[k * self.n + k];
-        let r = a * self.v[k] - self.g[k];
+        let r = if self.n == 1 { self.b[0] } else { a * self.v[k] - self.g[k] };
         let [lower, upper] = self.walls[k];
         let [forward, backward] = self.dry[k];
         if !self.hinges.iter().any(|h| h.k == k) {

@@ -20,6 +20,7 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, Matrix6, Vector3, Vector6};
 
+use crate::algorithms::pendulum::Pendulum;
 use crate::complementarity::Held;
 use crate::effects::{Acts, Advance, HISTORY, Partial, Transfer};
 use crate::joint::Motion;
@@ -31,7 +32,7 @@ use crate::sensitivity::{Plan, Rows, Touching};
 use crate::spatial::cross_motion;
 use crate::system::Placement;
 use crate::workspace::Lane;
-use crate::{Adjoint, Coriolis, DynamicsError, Input, ParameterVector, SpatialVector, State, StepWorkspace, System};
+use crate::{Adjoint, DynamicsError, Input, ParameterVector, SpatialVector, State, StepWorkspace, System};
 
 /// Derivatives of one step. `x` is position (as a tangent, see [`crate::Multibody::integrate`]), then velocity, then the inner
 /// states of effects: `2 nv + nz` entries. `u` are the commanded efforts.
@@ -71,6 +72,8 @@ pub struct Linearisation {
     sweep: Option<Box<Adjoint>>,
     zeros: Vec<f64>,
     plan: Plan,
+    /// Instead of the rigid workspace, where that is enough.
+    pendulum: Option<Pendulum>,
 }
 
 impl Linearisation {
@@ -113,6 +116,7 @@ impl Linearisation {
             sweep: (!system.sways.is_empty()).then(|| Box::new(Adjoint::new(system.multibody()))),
             zeros: vec![0.0; n],
             plan,
+            pendulum: None,
         }
     }
 }
@@ -182,13 +186,23 @@ impl System {
         next.time = state.time;
         self.step(ws, next, input, dt)?;
         x.has_load = false;
+        x.pendulum = ws.pendulum.filter(|_| self.steps_as_pendulum(input) && !x.plan.has_rigid());
+        if x.pendulum.is_none() && self.steps_as_pendulum(input) {
+            // The step had no need of it.
+            multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
+            multibody.gather_external(&mut ws.rigid, &[])?;
+            multibody.forces(&mut ws.rigid, None, true);
+            multibody.composite(&mut ws.rigid);
+        }
         self.drive_change(ws, state, &next.v, dt, at, false, x);
         if twice {
-            ws.rigid.v.copy_from_slice(&state.v);
-            multibody.velocities(&mut ws.rigid);
+            if x.pendulum.is_none() {
+                ws.rigid.v.copy_from_slice(&state.v);
+                multibody.velocities(&mut ws.rigid);
+            }
             self.solve_change(ws, state, dt, at, true, x)?;
             std::mem::swap(&mut x.change, &mut x.first);
-            if self.coriolis == Coriolis::AtMidpoint {
+            if self.half_way() {
                 for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.first.w)) {
                     *mid = 0.5 * (v + w);
                 }
@@ -217,13 +231,16 @@ impl System {
         for (a, (w, v)) in x.a.iter_mut().zip(w.iter().zip(&state.v)) {
             *a = (w - v) / dt;
         }
-        if self.solves_twice() || !self.sways.is_empty() {
+        if let Some(pendulum) = &x.pendulum {
+            ws.rigid.variation.set_only(pendulum.gravity(state.q[0])[1]);
+        } else if self.solves_twice() || !self.sways.is_empty() {
             multibody.forces(&mut ws.rigid, Some(&x.a), true);
         } else {
             // The step's own pass is there still.
             multibody.accelerate(&mut ws.rigid, &x.a);
         }
-        if self.sways.is_empty() {
+        if x.pendulum.is_some() {
+        } else if self.sways.is_empty() {
             multibody.differentiate(&mut ws.rigid);
         } else {
             ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
@@ -243,7 +260,7 @@ impl System {
             }
             _ => false,
         };
-        let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
+        let midpoint = !first && self.half_way();
         let share = if midpoint { 0.5 * dt } else { dt };
         for (i, row) in x.change.chunks_exact_mut(at.width().max(1)).enumerate() {
             let (by_q, by_v) = ws.rigid.variation.row(i).split_at(n);
@@ -411,10 +428,14 @@ impl System {
         }
         x.has_load = true;
         let multibody = self.multibody();
-        ws.rigid.v.copy_from_slice(&state.v);
-        multibody.velocities(&mut ws.rigid);
-        multibody.forces(&mut ws.rigid, None, true);
-        multibody.differentiate(&mut ws.rigid);
+        if let Some(pendulum) = &x.pendulum {
+            ws.rigid.variation.set_only(pendulum.gravity(state.q[0])[1]);
+        } else {
+            ws.rigid.v.copy_from_slice(&state.v);
+            multibody.velocities(&mut ws.rigid);
+            multibody.forces(&mut ws.rigid, None, true);
+            multibody.differentiate(&mut ws.rigid);
+        }
         for (i, row) in x.load.chunks_exact_mut(at.width().max(1)).enumerate() {
             let (by_state, rest) = row.split_at_mut(2 * at.n);
             for (load, by) in by_state.iter_mut().zip(ws.rigid.variation.row(i)) {

@@ -226,6 +226,9 @@ impl System {
     /// Inner states after a step.
     pub(crate) fn advance(&self, taken: &Taken<'_>, z: &mut [f64]) {
         z.copy_from_slice(&taken.state.z);
+        if z.is_empty() {
+            return;
+        }
         for (i, placed) in self.placements().iter().enumerate() {
             let states = placed.effect.states();
             if states == 0 || placed.effect.description().acts == Acts::Base {

@@ -292,7 +292,12 @@ pub(crate) struct InputCotangent<'a> {
 impl System {
     /// A step is solved twice: the second time with what depends on the first solution.
     pub(crate) fn solves_twice(&self) -> bool {
-        self.coriolis == Coriolis::AtMidpoint || self.residual.is_some()
+        self.half_way() || self.residual.is_some()
+    }
+
+    /// Are there Coriolis forces, and taken half way to the next velocity?
+    pub(crate) fn half_way(&self) -> bool {
+        self.coriolis == Coriolis::AtMidpoint && !self.multibody().is_pendulum()
     }
 
     /// The factor that a step leaves is not quite the one at its solution.
@@ -472,7 +477,7 @@ impl System {
         }
         self.reverse_effects(ws, record, solve, dt, bar);
         // The rigid part: sigma . ID(q, v, a) with sigma = -h lambda.
-        let midpoint = !first && self.coriolis == Coriolis::AtMidpoint;
+        let midpoint = !first && self.half_way();
         if midpoint {
             for (k, v) in ws.rigid.v.iter_mut().enumerate() {
                 *v = 0.5 * (state.v[k] + record.first.w[k]);

@@ -14,6 +14,7 @@
 //! `h |v|^2`; taken at `(v + w) / 2` the leading error of the energy is a total derivative in time, so it stays bounded.
 //! [`Coriolis::AtMidpoint`] solves the step once with `c(q, v)` for a first `w`, then once more with `c(q, (v + w) / 2)`.
 
+use crate::algorithms::pendulum::Pendulum;
 use crate::complementarity::{Held, Hinge, Problem};
 use crate::contact::solver::ContactWorkspace;
 use crate::effects::Transfer;
@@ -61,6 +62,7 @@ pub struct StepWorkspace {
     pub(crate) seen: Vec<f64>,
     pub(crate) transfer: Transfer,
     pub(crate) bases: Vec<BaseMotion>,
+    pub(crate) pendulum: Option<Pendulum>,
     q: Vec<f64>,
     pub(crate) z: Vec<f64>,
     /// The first of two solves, for the reverse pass.
@@ -84,6 +86,7 @@ impl StepWorkspace {
             seen: vec![0.0; system.placements().len()],
             transfer: Transfer::default(),
             bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
+            pendulum: None,
             q: vec![0.0; multibody.nq()],
             z: system.state().z,
             first: Solve::new(if system.solves_twice() { n } else { 0 }),
@@ -95,6 +98,17 @@ impl StepWorkspace {
     /// The workspace of the rigid bodies; put a state in before asking it anything.
     pub fn rigid(&mut self) -> &mut Workspace {
         &mut self.rigid
+    }
+
+    /// The workspace of the rigid bodies at a state, which is put in unless it is there already. A step may leave another one there.
+    ///
+    /// # Errors
+    /// As [`crate::Multibody::set_state`].
+    pub fn rigid_at(&mut self, system: &System, state: &State) -> Result<&mut Workspace, DynamicsError> {
+        if self.rigid.q != state.q || self.rigid.v != state.v {
+            system.multibody().set_state(&mut self.rigid, &state.q, &state.v)?;
+        }
+        Ok(&mut self.rigid)
     }
 
     /// The contact points of the last step.
@@ -159,13 +173,17 @@ impl System {
             check("tau", input.tau, n)?;
             ws.tau.copy_from_slice(input.tau);
         }
-        multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
-        multibody.gather_external(&mut ws.rigid, input.external)?;
-        multibody.newton_euler(&mut ws.rigid, None, true, &mut ws.load);
-        for load in &mut ws.load {
-            *load = -*load;
+        if self.steps_as_pendulum(input) {
+            self.load_pendulum(ws, state)?;
+        } else {
+            multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
+            multibody.gather_external(&mut ws.rigid, input.external)?;
+            multibody.newton_euler(&mut ws.rigid, None, true, &mut ws.load);
+            for load in &mut ws.load {
+                *load = -*load;
+            }
+            multibody.composite(&mut ws.rigid);
         }
-        multibody.composite(&mut ws.rigid);
         self.drive(ws, state, dt);
         self.gather_bases(&ws.rigid, &mut ws.bases);
         ws.more.fill(0.0);
@@ -180,7 +198,7 @@ impl System {
             self.refine(ws, state, dt)?;
         }
         check("the next velocities", &ws.problem.v, n)?;
-        ws.q.copy_from_slice(ws.rigid.q());
+        ws.q.copy_from_slice(&state.q);
         multibody.integrate(&mut ws.q, &ws.problem.v, dt)?;
         check("the next positions", &ws.q, multibody.nq())?;
         let taken = Taken { state, next: &ws.problem.v, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
@@ -194,12 +212,31 @@ impl System {
         Ok(())
     }
 
+    /// Is all of the rigid part in a [`Pendulum`]'s constants?
+    pub(crate) fn steps_as_pendulum(&self, input: &Input<'_>) -> bool {
+        self.multibody().is_pendulum() && input.external.is_empty() && self.contacts.is_none() && self.sways.is_empty()
+    }
+
+    /// Load and mass of a pendulum, without the rigid workspace.
+    fn load_pendulum(&self, ws: &mut StepWorkspace, state: &State) -> Result<(), DynamicsError> {
+        check("q", &state.q, 1)?;
+        check("v", &state.v, 1)?;
+        let pendulum = match &ws.pendulum {
+            Some(pendulum) if pendulum.stamp == self.stamp => *pendulum,
+            _ => self.multibody().pendulum(&mut ws.rigid, self.stamp),
+        };
+        ws.pendulum = Some(pendulum);
+        ws.load[0] = -pendulum.gravity(state.q[0])[0];
+        ws.rigid.M[(0, 0)] = pendulum.mass;
+        Ok(())
+    }
+
     /// Solves the step once more, with what depends on the velocity that was found: the Coriolis forces half way to it, and
     /// the learned residual.
     fn correct(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
         ws.first.keep(&ws.problem);
         let (mut change, mut size) = (0.0_f64, 0.0_f64);
-        if self.coriolis == Coriolis::AtMidpoint {
+        if self.half_way() {
             for (mid, (v, w)) in ws.rigid.v.iter_mut().zip(state.v.iter().zip(&ws.problem.v)) {
                 *mid = 0.5 * (v + w);
             }

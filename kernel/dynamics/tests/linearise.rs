@@ -253,3 +253,72 @@ fn a_learned_residual_agrees_with_differences() {
         check(&system, &state, &random_vector(system.multibody().nv(), 3.0, &mut rng), &[], 1e-6);
     }
 }
+
+#[test]
+fn a_body_on_one_joint_moves_and_answers_as_it_does_among_others() {
+    let mut rng = random(31);
+    let hinge = |kind: &str| {
+        let urdf = link("base", 1.0, [0.0; 3], [0.1, 0.0, 0.0, 0.1, 0.0, 0.1])
+            + &link("leaf", 1.3, [0.1, 0.05, -0.2], [0.03, 0.001, 0.002, 0.04, 0.001, 0.02])
+            + &joint("j", kind, "base", "leaf", [0.2, 1.0, 0.3], [0.1, 0.0, -0.3, 0.1, 0.2, 0.0], WIDE);
+        model("leaf", &urdf)
+    };
+    for kind in ["revolute", "prismatic"] {
+        for coriolis in [Coriolis::AtStart, Coriolis::AtMidpoint] {
+            let (leaf, other) = (hinge(kind), hinge("revolute"));
+            let mut alone = System::new(&[welded(&leaf)]).unwrap();
+            let mut beside = System::new(&[welded(&leaf), Part { name: "other".into(), ..welded(&other) }]).unwrap();
+            for system in [&mut alone, &mut beside] {
+                for (name, parameters) in [
+                    ("viscous_friction", vec![("damping", 0.2)]),
+                    ("coulomb_friction", vec![("friction", 0.1)]),
+                    ("joint_spring", vec![("stiffness", 3.0), ("rest_position", 0.1)]),
+                    ("load_dependent_friction", vec![]),
+                ] {
+                    let entry = effect(name, "j", &parameters);
+                    let mut entry = EffectEntry { ..entry };
+                    if name == "load_dependent_friction" {
+                        let d = sagci_dynamics::effects::find(name).unwrap().description();
+                        entry.parameters = d.parameters.iter().map(|p| (p.name.into(), 0.1)).collect();
+                    }
+                    system.add_effect("leaf", &entry).unwrap();
+                }
+                system.set_coriolis(coriolis);
+            }
+            for _ in 0..20 {
+                let (mut one, mut two) = (alone.state(), beside.state());
+                (one.q[0], one.v[0]) = (random_vector(1, 3.0, &mut rng)[0], random_vector(1, 1.0, &mut rng)[0]);
+                (two.q[0], two.v[0]) = (one.q[0], one.v[0]);
+                check(&alone, &one, &[0.7], &[], 1e-6);
+                let which = [&alone, &beside].map(|s| s.select_parameters(&["leaf/*"]).unwrap());
+                let mut x = [
+                    Linearisation::with_parameters(&alone, &which[0]).unwrap(),
+                    Linearisation::with_parameters(&beside, &which[1]).unwrap(),
+                ];
+                let (mut first, mut second) = (alone.state(), beside.state());
+                let mut ws = alone.workspace();
+                alone.linearise(&mut ws, &one, &Input { tau: &[0.7], external: &[] }, DT, &mut first, &mut x[0]).unwrap();
+                let beside_input = Input { tau: &[0.7, 0.0], external: &[] };
+                beside.linearise(&mut beside.workspace(), &two, &beside_input, DT, &mut second, &mut x[1]).unwrap();
+                let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-13 * (1.0 + a.abs()), "{kind}: {a} {b}");
+                near(first.q[0], second.q[0]);
+                near(first.v[0], second.v[0]);
+                for row in 0..2 {
+                    for column in 0..2 {
+                        near(x[0].A[(row, column)], x[1].A[(2 * row, 2 * column)]);
+                    }
+                    for column in 0..which[0].len() {
+                        near(x[0].P[(row, column)], x[1].P[(2 * row, column)]);
+                    }
+                }
+                // With inertias changed, what was kept of them does not count.
+                let mass = alone.select_parameters(&["leaf/leaf.mass"]).unwrap();
+                alone.set_parameters(&mass, &[0.3]).unwrap();
+                beside.set_parameters(&beside.select_parameters(&["leaf/leaf.mass"]).unwrap(), &[0.3]).unwrap();
+                alone.step(&mut ws, &mut one, &Input { tau: &[0.7], external: &[] }, DT).unwrap();
+                beside.step(&mut beside.workspace(), &mut two, &beside_input, DT).unwrap();
+                near(one.v[0], two.v[0]);
+            }
+        }
+    }
+}

@@ -148,15 +148,28 @@ impl Case {
             let typical = terms.iter().map(|t| t * t).sum::<f64>().sqrt();
             let difference = |h: f64| (8.0 * (along(h) - along(-h)) - (along(2.0 * h) - along(-2.0 * h))) / (12.0 * h);
             all += 1;
-            let (coarse, fine) = (difference(reach), difference(0.5 * reach));
-            // Rounding of the loss counts `1 / reach` times.
-            let noise = 2e-8 * along(0.0).abs().max(1.0) / reach.max(1e-5);
-            let size = fine.abs().max(0.1 * typical.max(scale)).max(noise);
-            if (coarse - fine).abs() > 5e-7 * size {
-                switched += 1;
-                println!("{name}, {group}: at a switch ({coarse} against {fine}, analytic {analytic})");
-                return;
+            // Near switches differences need a small step, and far from them a large one, or rounding drowns them.
+            let (mut told, mut best) = (None, 5e-7);
+            // Bounds are further away than that.
+            for step in [1.0, 8.0, 64.0, 512.0, 0.125].map(|s| s * reach).into_iter().filter(|s| *s < 5e-3) {
+                let (coarse, fine) = (difference(step), difference(0.5 * step));
+                // Rounding of the loss counts `1 / step` times.
+                let noise = 2e-8 * along(0.0).abs().max(1.0) / step.max(1e-5);
+                let size = fine.abs().max(0.1 * typical.max(scale)).max(noise);
+                let spread = (coarse - fine).abs() / size;
+                if spread <= best {
+                    (told, best) = (Some((fine, size)), spread);
+                }
+                // Two that agree by chance are outdone by two that agree well.
+                if best <= 5e-8 {
+                    break;
+                }
             }
+            let Some((fine, size)) = told else {
+                switched += 1;
+                println!("{name}, {group}: at a switch (analytic {analytic})");
+                return;
+            };
             let error = (analytic - fine).abs() / size;
             assert!(error < 1e-6, "{name}, by {group}: {analytic} where differences say {fine} ({error:.1e})");
         };
@@ -600,11 +613,12 @@ fn gradients_through_contact_are_those_of_central_differences() {
                 let case = Case { system: system.clone(), x0, tau, steps, dt: 1e-3, reach: 2e-6 };
                 let (switched, all) = case.check(&format!("{name}, {coriolis:?}, {steps} steps"), 7);
                 println!("{name}, {coriolis:?}, {steps} steps: {switched} of {all} at a switch");
+                assert!(switched * 10 <= all, "{name}, {coriolis:?}, {steps} steps: {switched} of {all}");
                 compared += all - switched;
             }
         }
     }
-    assert!(compared > 100, "{compared}");
+    assert!(compared > 480, "{compared}");
 }
 
 #[test]
@@ -664,17 +678,15 @@ fn gradients_through_every_effect_are_those_of_central_differences() {
             .filter_map(|p| match p.prior[0] {
                 Prior::LogNormal { median, .. } => Some((p.name, median.clamp(p.bounds[0], p.bounds[1]))),
                 Prior::Normal { mean, deviation } => Some((p.name, (mean + 0.3 * deviation).clamp(p.bounds[0], p.bounds[1]))),
-                Prior::OneOf(_) => None,
+                // Words have their own default; a side has none.
+                Prior::OneOf(choices) => p.words.is_empty().then_some((p.name, choices[0])),
             })
             .collect();
         for coriolis in [Coriolis::AtStart, Coriolis::AtMidpoint] {
             let mut system = door([-3.0, 3.0]);
             let mut entry = effect(description.name, "hinge", &parameters);
             entry.joint = entry.joint.filter(|_| description.acts != Acts::Base);
-            if let Err(e) = system.add_effect("door", &entry) {
-                println!("{}: {e}", description.name);
-                continue;
-            }
+            system.add_effect("door", &entry).unwrap();
             system.set_coriolis(coriolis);
             for steps in [1, 30] {
                 let mut x0 = system.state();

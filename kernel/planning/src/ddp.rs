@@ -478,7 +478,8 @@ impl Ddp {
                 *to = *from;
             }
         }
-        let mut knot = Knot { index: k, dt, system, state, rigid: self.ws.rigid() };
+        let rigid = self.ws.rigid_at(system, state).map_err(|e| lost(k, &e))?;
+        let mut knot = Knot { index: k, dt, system, state, rigid };
         trial.cost += cost.running(&mut knot, u, &mut trial.costs[k])?;
         Ok(())
     }
@@ -487,8 +488,8 @@ impl Ddp {
     fn end(&mut self, system: &System, cost: &mut dyn Cost) -> Result<(), PlanError> {
         let (index, trial) = (self.options.knots, &mut self.trial);
         let state = &trial.states[index];
-        system.multibody().set_state(self.ws.rigid(), &state.q, &state.v).map_err(|e| lost(index, &e))?;
-        let mut knot = Knot { index, dt: 0.0, system, state, rigid: self.ws.rigid() };
+        let rigid = self.ws.rigid_at(system, state).map_err(|e| lost(index, &e))?;
+        let mut knot = Knot { index, dt: 0.0, system, state, rigid };
         trial.cost += cost.terminal(&mut knot, &mut trial.costs[index])?;
         Ok(())
     }

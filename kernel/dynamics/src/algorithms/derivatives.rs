@@ -155,6 +155,11 @@ impl Variation {
         }
     }
 
+    /// The derivative by the position, of one degree of freedom whose velocity asks for nothing.
+    pub fn set_only(&mut self, by_q: f64) {
+        self.table[0] = [by_q, 0.0, 0.0, 0.0];
+    }
+
     /// Row `i` of the derivatives of inverse dynamics: by the `n` positions, then by the `n` velocities.
     pub fn row(&self, i: usize) -> &[f64] {
         self.table[i * self.width..(i + 1) * self.width].as_flattened()

@@ -10,4 +10,5 @@ mod kinematics;
 mod mass_matrix;
 pub(crate) mod momentum;
 pub(crate) mod parameters;
+pub(crate) mod pendulum;
 mod regressor;

@@ -1,6 +1,6 @@
 //! `dtau = stiffness (q - rest_position)`: a door closer or a counterbalance.
 
-use super::{ANY, Description, Effect, Instant, PLACE, Parameter, Resistance, SIZE, around, unit};
+use super::{ANY, Description, Effect, Force, Instant, PLACE, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct JointSpring;
@@ -31,5 +31,9 @@ impl Effect for JointSpring {
         out.smooth = at.force(stiffness * stretch, stiffness, 0.0);
         out.smooth.d_theta[0] = stretch;
         out.smooth.d_theta[1] = -stiffness;
+    }
+
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        Force { smooth: [theta[0] * (at.end() - theta[1]), at.dt * theta[0]], ..Force::default() }
     }
 }
