@@ -20,9 +20,16 @@ const SMALL_MOTION: f64 = 0.01;
 const NO_MOTION: f64 = 1e-6;
 
 /// Holds one recording against the model, and converts degrees.
-pub(crate) fn check(path: &Path, log: &mut Log, model: Option<&ObjectModel>, angles: Angles) -> Result<(), RecordingError> {
+/// `is_chosen`: somebody chose what the file holds; a robot records whatever joints there are.
+pub(crate) fn check(
+    path: &Path,
+    log: &mut Log,
+    model: Option<&ObjectModel>,
+    angles: Angles,
+    is_chosen: bool,
+) -> Result<(), RecordingError> {
     if let Some(model) = model {
-        names(path, log, model)?;
+        names(path, log, model, is_chosen)?;
         if angles == Angles::Degrees {
             convert(log, model);
         }
@@ -40,25 +47,26 @@ pub(crate) fn check(path: &Path, log: &mut Log, model: Option<&ObjectModel>, ang
 }
 
 /// Which joints and links are the model's.
-fn names(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), RecordingError> {
+fn names(path: &Path, log: &mut Log, model: &ObjectModel, is_chosen: bool) -> Result<(), RecordingError> {
     let moving: Vec<&str> = model.moving_joints().map(|i| model.joints[i].name.as_str()).collect();
     let wrong = |message: String| Err(RecordingError::Joints { path: path.to_owned(), message });
     let measured: Vec<&str> = log.joints.iter().map(|j| j.name.as_str()).collect();
     let is_known = |name: &str| model.joint(name).is_some();
     let others: Vec<&str> = measured.iter().copied().filter(|n| !is_known(n)).collect();
-    for name in &others {
-        // A robot's recording holds joints of other mechanisms too; one that was meant to be ours is an error.
-        let free = moving.iter().copied().filter(|m| !measured.contains(m));
-        if let Some(meant) = nearest(name, free) {
-            return wrong(format!("measures a joint '{name}', which {} does not have; did you mean '{meant}'?", model.name));
-        }
+    let free = || moving.iter().copied().filter(|m| !measured.contains(m));
+    let misspelt = others.iter().find_map(|name| Some((*name, nearest(name, free())?)));
+    if let Some((name, meant)) = misspelt
+        && (is_chosen || others.len() == measured.len())
+    {
+        return wrong(format!("measures a joint '{name}', which {} does not have; did you mean '{meant}'?", model.name));
     }
     if others.len() == measured.len() && log.wrenches.iter().all(|w| model.link(&w.link).is_none()) {
         let hint = did_you_mean(others.first().copied().unwrap_or_default(), moving.iter().copied());
         return wrong(format!("measures {}; {} has none of these joints{hint}", others.join(", "), model.name));
     }
     if !others.is_empty() {
-        let message = format!("{} does not have these joints; they are not used", model.name);
+        let hint = misspelt.map(|(name, meant)| format!("; is '{name}' its '{meant}'?")).unwrap_or_default();
+        let message = format!("{} does not have these joints; they are not used{hint}", model.name);
         log.notes.push(Note { place: others.join(", "), message });
     }
     for wrench in &log.wrenches {

@@ -116,6 +116,8 @@ pub(crate) struct Raw {
     pub notes: Vec<Note>,
     /// Positions and velocities of turning joints are said to be in degrees, or said to be in radians.
     pub degrees: Option<bool>,
+    /// Somebody chose what the file holds, as the columns of a table; a robot records whatever joints there are.
+    pub is_chosen: bool,
 }
 
 impl Raw {

@@ -95,7 +95,7 @@ fn choose_commands(raw: &mut Raw, model: Option<&ObjectModel>) {
         let (has_effort, has_position) = (has(effort, f64::is_finite), has(position, f64::is_finite));
         let is_filled = has(effort, |v| v.is_finite() && v != 0.0);
         let takes_position = has_position && (!has_effort || !is_filled || follows_positions(model, name));
-        if has_effort && has_position {
+        if has_effort && has_position && model.is_none_or(|m| m.joint(name).is_some()) {
             let kept = if takes_position { position } else { effort }.1.name();
             let message = format!("its messages hold commanded positions and efforts; '{kept}' is taken");
             raw.notes.push(Note { place: name.clone(), message });

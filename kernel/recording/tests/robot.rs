@@ -261,6 +261,14 @@ fn files_without_joints_say_what_they_hold_and_what_to_record() {
     let mut bag = Bag::new(None);
     bag.state("/joint_states", 0, &state(1, &["hnge"], &[1.0], &[], &[]));
     assert!(files.refused(bag.finish()).contains("did you mean 'hinge'?"));
+    // Joints of another mechanism beside ours, one with a name that resembles one of ours.
+    let mut bag = Bag::new(None);
+    for i in 0..50 {
+        bag.state("/joint_states", 0, &swing_state(i));
+        bag.state("/joint_states", 0, &state(i as u64 * 10 * MS, &["elbow", "wheels"], &[1.0, 2.0], &[], &[]));
+    }
+    let log = files.read(bag.finish()).unwrap();
+    assert!(has_note(&log, &["elbow, wheels", "not used", "is 'wheels' its 'wheel'?"]), "{:?}", log.notes);
     // A clock that was set back.
     let mut bag = Bag::new(None);
     (0..100).chain(0..100).for_each(|i| bag.state("/joint_states", 0, &swing_state(i)));
