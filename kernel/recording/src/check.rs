@@ -12,8 +12,10 @@ use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series};
 const BEYOND: f64 = 0.25;
 /// So many rad beyond the limits are never doubted.
 const SLACK: f64 = 0.35;
-/// A joint without limits that turns further than this, rad, is asked about in a note.
+/// A joint without limits that turns further than this, rad, is doubted in a note.
 const TURNS: f64 = 4.0 * PI;
+/// One that turns further than this to both sides and comes back again and again is asked about: in degrees it would be a swing.
+const SWINGS: f64 = 8.0 * PI;
 /// A position that covers less than this, rad or m, may be noise alone.
 const SMALL_MOTION: f64 = 0.01;
 /// A position that covers less than this, rad or m, is at rest.
@@ -112,8 +114,18 @@ fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), Recordin
         let [lower, upper] = match known.kind {
             JointKind::Revolute | JointKind::Prismatic if limits.range().is_finite() => [limits.lower, limits.upper],
             JointKind::Continuous if least.abs().max(most.abs()) > TURNS => {
-                // A wheel may turn so far: only its speed could tell.
-                let message = format!("turns from {least:.4} to {most:.4} rad; if these are degrees, say so: {HOW}");
+                let way: f64 = joint.position.value.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
+                let is_swing = way > 2.0 * (most - least) && least.abs().max(most.abs()) < 400.0;
+                let what = format!("turns from {least:.4} to {most:.4} rad");
+                if is_swing && most - least > SWINGS {
+                    return Err(RecordingError::Units {
+                        path: path.to_owned(),
+                        joint: joint.name.clone(),
+                        message: format!("{what}, to and fro: these look like degrees. Say what they are: {HOW}"),
+                    });
+                }
+                // A wheel may turn so far.
+                let message = format!("{what}; if these are degrees, say so: {HOW}");
                 log.notes.push(Note { place: joint.name.clone(), message });
                 continue;
             }

@@ -6,6 +6,8 @@ mod common;
 use common::{Bag, Files, has_note, rows, state, swing};
 use mcap::Compression;
 use mcap::records::op;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use sagci_recording::{CommandKind, JointState, Series, WrenchStamped, read};
 
 const MS: u64 = 1_000_000;
@@ -142,6 +144,26 @@ fn a_broken_chunk_is_refused_with_its_place() {
     other[at..at + 4].copy_from_slice(b"brot");
     let message = files.refused(&other);
     assert!(message.contains("packed with 'brot'") && message.contains("mcap compress"), "{message}");
+}
+
+/// Whatever the bytes are, there is an answer.
+#[test]
+fn changed_bytes_never_make_the_reader_stumble() {
+    let files = Files::new();
+    let mut random = Pcg64::seed_from_u64(4);
+    let plain = swing_bag(60, None);
+    for whole in [with_zstd(&plain), swing_bag(60, Some(Compression::Lz4)), plain] {
+        for _ in 0..150 {
+            let mut bytes = whole.clone();
+            for _ in 0..random.random_range(1..4) {
+                let at = random.random_range(0..bytes.len());
+                bytes[at] = random.random();
+            }
+            if let Ok(log) = files.read(bytes) {
+                log.to_csv();
+            }
+        }
+    }
 }
 
 #[test]
