@@ -12,17 +12,26 @@ use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series};
 const BEYOND: f64 = 0.25;
 /// So many rad beyond the limits are never doubted.
 const SLACK: f64 = 0.35;
-/// A joint without limits that turns further than this, rad, is asked about in a note.
+/// A joint without limits that turns further than this, rad, is doubted in a note.
 const TURNS: f64 = 4.0 * PI;
+/// One that turns further than this to both sides and comes back again and again is asked about: in degrees it would be a swing.
+const SWINGS: f64 = 8.0 * PI;
 /// A position that covers less than this, rad or m, may be noise alone.
 const SMALL_MOTION: f64 = 0.01;
 /// A position that covers less than this, rad or m, is at rest.
 const NO_MOTION: f64 = 1e-6;
 
 /// Holds one recording against the model, and converts degrees.
-pub(crate) fn check(path: &Path, log: &mut Log, model: Option<&ObjectModel>, angles: Angles) -> Result<(), RecordingError> {
+/// `is_chosen`: somebody chose what the file holds; a robot records whatever joints there are.
+pub(crate) fn check(
+    path: &Path,
+    log: &mut Log,
+    model: Option<&ObjectModel>,
+    angles: Angles,
+    is_chosen: bool,
+) -> Result<(), RecordingError> {
     if let Some(model) = model {
-        names(path, log, model)?;
+        names(path, log, model, is_chosen)?;
         if angles == Angles::Degrees {
             convert(log, model);
         }
@@ -40,25 +49,26 @@ pub(crate) fn check(path: &Path, log: &mut Log, model: Option<&ObjectModel>, ang
 }
 
 /// Which joints and links are the model's.
-fn names(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), RecordingError> {
+fn names(path: &Path, log: &mut Log, model: &ObjectModel, is_chosen: bool) -> Result<(), RecordingError> {
     let moving: Vec<&str> = model.moving_joints().map(|i| model.joints[i].name.as_str()).collect();
     let wrong = |message: String| Err(RecordingError::Joints { path: path.to_owned(), message });
     let measured: Vec<&str> = log.joints.iter().map(|j| j.name.as_str()).collect();
     let is_known = |name: &str| model.joint(name).is_some();
     let others: Vec<&str> = measured.iter().copied().filter(|n| !is_known(n)).collect();
-    for name in &others {
-        // A robot's recording holds joints of other mechanisms too; one that was meant to be ours is an error.
-        let free = moving.iter().copied().filter(|m| !measured.contains(m));
-        if let Some(meant) = nearest(name, free) {
-            return wrong(format!("measures a joint '{name}', which {} does not have; did you mean '{meant}'?", model.name));
-        }
+    let free = || moving.iter().copied().filter(|m| !measured.contains(m));
+    let misspelt = others.iter().find_map(|name| Some((*name, nearest(name, free())?)));
+    if let Some((name, meant)) = misspelt
+        && (is_chosen || others.len() == measured.len())
+    {
+        return wrong(format!("measures a joint '{name}', which {} does not have; did you mean '{meant}'?", model.name));
     }
     if others.len() == measured.len() && log.wrenches.iter().all(|w| model.link(&w.link).is_none()) {
         let hint = did_you_mean(others.first().copied().unwrap_or_default(), moving.iter().copied());
         return wrong(format!("measures {}; {} has none of these joints{hint}", others.join(", "), model.name));
     }
     if !others.is_empty() {
-        let message = format!("{} does not have these joints; they are not used", model.name);
+        let hint = misspelt.map(|(name, meant)| format!("; is '{name}' its '{meant}'?")).unwrap_or_default();
+        let message = format!("{} does not have these joints; they are not used{hint}", model.name);
         log.notes.push(Note { place: others.join(", "), message });
     }
     for wrench in &log.wrenches {
@@ -104,8 +114,18 @@ fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), Recordin
         let [lower, upper] = match known.kind {
             JointKind::Revolute | JointKind::Prismatic if limits.range().is_finite() => [limits.lower, limits.upper],
             JointKind::Continuous if least.abs().max(most.abs()) > TURNS => {
-                // A wheel may turn so far: only its speed could tell.
-                let message = format!("turns from {least:.4} to {most:.4} rad; if these are degrees, say so: {HOW}");
+                let way: f64 = joint.position.value.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
+                let is_swing = way > 2.0 * (most - least) && least.abs().max(most.abs()) < 400.0;
+                let what = format!("turns from {least:.4} to {most:.4} rad");
+                if is_swing && most - least > SWINGS {
+                    return Err(RecordingError::Units {
+                        path: path.to_owned(),
+                        joint: joint.name.clone(),
+                        message: format!("{what}, to and fro: these look like degrees. Say what they are: {HOW}"),
+                    });
+                }
+                // A wheel may turn so far.
+                let message = format!("{what}; if these are degrees, say so: {HOW}");
                 log.notes.push(Note { place: joint.name.clone(), message });
                 continue;
             }

@@ -18,7 +18,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, RecordingError> {
         error(path, line, "is not UTF-8 text; save it as UTF-8".into())
     })?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut raw = Raw { clocks: vec![Clock::default()], ..Default::default() };
+    let mut raw = Raw { clocks: vec![Clock::default()], is_chosen: true, ..Default::default() };
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l)).peekable();
     let header = loop {
         match lines.next() {

@@ -67,8 +67,9 @@ impl Clock {
         let mut order: Vec<usize> = (0..self.time.len()).collect();
         let back: Vec<usize> = (1..self.time.len()).filter(|&i| self.time[i] < self.time[i - 1]).collect();
         let Some(&first) = back.first() else { return Ok(order) };
-        if let Some(&tick) = back.iter().find(|&&tick| self.is_set_back(tick, &back)) {
-            let by = (self.time[tick - 1] - self.time[tick]) as f64 * 1e-9;
+        let set_back = (0..back.len()).find(|&place| self.is_set_back(place, &back));
+        if let Some(tick) = set_back.map(|place| back[place]) {
+            let by = self.time[tick - 1].saturating_sub(self.time[tick]) as f64 * 1e-9;
             return Err(RecordingError::Clock {
                 path: path.to_owned(),
                 place: self.at(tick),
@@ -84,10 +85,10 @@ impl Clock {
         Ok(order)
     }
 
-    /// Do many samples of the run up to `tick` and of the run from it interleave?
-    fn is_set_back(&self, tick: usize, back: &[usize]) -> bool {
-        let begin = back.iter().copied().filter(|&b| b < tick).max().unwrap_or(0);
-        let end = back.iter().copied().find(|&b| b > tick).unwrap_or(self.time.len());
+    /// Do many samples of the runs before and after a step back interleave?
+    fn is_set_back(&self, place: usize, back: &[usize]) -> bool {
+        let begin = place.checked_sub(1).map_or(0, |before| back[before]);
+        let (tick, end) = (back[place], back.get(place + 1).copied().unwrap_or(self.time.len()));
         let (before, after) = (&self.time[begin..tick], &self.time[tick..end]);
         let (Some(from), Some(to)) = (before.first().max(after.first()), before.last().min(after.last())) else { return false };
         let within = |run: &[i64]| run.iter().filter(|t| *from <= **t && **t <= *to).count();
@@ -116,6 +117,8 @@ pub(crate) struct Raw {
     pub notes: Vec<Note>,
     /// Positions and velocities of turning joints are said to be in degrees, or said to be in radians.
     pub degrees: Option<bool>,
+    /// Somebody chose what the file holds, as the columns of a table; a robot records whatever joints there are.
+    pub is_chosen: bool,
 }
 
 impl Raw {
@@ -148,7 +151,7 @@ impl Raw {
             }
             orders.push(rank);
         }
-        let seconds = |ns: i64| (ns - epoch * 1_000_000_000) as f64 / 1e9;
+        let seconds = |ns: i64| ns.saturating_sub(epoch.saturating_mul(1_000_000_000)) as f64 / 1e9;
         let mut repeated = vec![0usize; self.clocks.len()];
         let mut joints: Vec<JointLog> = self.joints.iter().map(|name| JointLog { name: name.clone(), ..Default::default() }).collect();
         for ((joint, channel), mut tracks) in std::mem::take(&mut self.tracks) {

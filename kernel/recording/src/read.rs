@@ -64,7 +64,7 @@ pub fn read_with(paths: &[PathBuf], model: Option<&ObjectModel>, options: &Optio
     let epoch = if first > LATE { first } else { 0 };
     let mut logs: Vec<Log> = Vec::with_capacity(raws.len());
     for (path, raw, hash) in raws {
-        let degrees = raw.degrees;
+        let (degrees, is_chosen) = (raw.degrees, raw.is_chosen);
         let mut log = raw.settle(&path, epoch)?;
         log.hash = hash;
         let angles = match degrees {
@@ -72,7 +72,7 @@ pub fn read_with(paths: &[PathBuf], model: Option<&ObjectModel>, options: &Optio
             Some(false) => Angles::Radians,
             None => options.angles,
         };
-        check::check(&path, &mut log, model, angles)?;
+        check::check(&path, &mut log, model, angles, is_chosen)?;
         log.continues = logs.last().is_some_and(|before| runs_on(before, &log));
         logs.push(log);
     }

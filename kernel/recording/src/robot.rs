@@ -95,7 +95,7 @@ fn choose_commands(raw: &mut Raw, model: Option<&ObjectModel>) {
         let (has_effort, has_position) = (has(effort, f64::is_finite), has(position, f64::is_finite));
         let is_filled = has(effort, |v| v.is_finite() && v != 0.0);
         let takes_position = has_position && (!has_effort || !is_filled || follows_positions(model, name));
-        if has_effort && has_position {
+        if has_effort && has_position && model.is_none_or(|m| m.joint(name).is_some()) {
             let kept = if takes_position { position } else { effort }.1.name();
             let message = format!("its messages hold commanded positions and efforts; '{kept}' is taken");
             raw.notes.push(Note { place: name.clone(), message });
@@ -209,11 +209,11 @@ impl Topic {
         }
         let unstamped = self.time.iter().filter(|t| t.0 == 0).count();
         let stamp_is_log_time = |t: &(u64, u64)| t.0 != 0 && t.0.abs_diff(t.1) < 1_000_000_000;
-        let uses_log = |stamp: u64| match unstamped {
-            // A simulation's clock may start at zero; one stamp there is a time like any other.
-            _ if stamp != 0 => false,
-            n => n == self.time.len() || self.time.iter().any(stamp_is_log_time),
-        };
+        // A simulation's clock starts at zero: a single stamp there, followed by others soon after, is a time like any other.
+        let is_start = |t: &(u64, u64)| t.0 < 60_000_000_000;
+        let starts_at_zero = unstamped == 1 && self.time[0].0 == 0 && self.time.get(1).is_some_and(is_start);
+        let takes_log = unstamped == self.time.len() || (!starts_at_zero && self.time.iter().any(stamp_is_log_time));
+        let uses_log = |stamp: u64| stamp == 0 && takes_log;
         if unstamped == self.time.len() && self.time.iter().any(|t| t.1 != 0) {
             note("its messages have no stamp; the times at which they were recorded are taken".into());
         } else if unstamped > 1 && unstamped < self.time.len() {

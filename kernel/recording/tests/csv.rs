@@ -269,6 +269,8 @@ fn degrees_are_asked_back_about_and_converted_only_when_told() {
     files.read(rows("hinge.position", 100, |i, _| (i as f64 * 0.017).to_string())).unwrap();
     let message = files.refused(rows("drawer.position", 100, |i, _| (i as f64 * 4.0).to_string()));
     assert!(message.contains("millimetres"), "{message}");
+    let message = files.refused(rows("wheel.position", 1000, |_, t| (60.0 * (4.0 * t).cos()).to_string()));
+    assert!(message.contains("wheel: turns from -5") && message.contains("look like degrees"), "{message}");
     let far = files.read(rows("wheel.position", 100, |i, _| (i as f64).to_string())).unwrap();
     assert!(has_note(&far, &["wheel", "if these are degrees"]), "{:?}", far.notes);
 }
@@ -323,6 +325,28 @@ fn times_that_run_on_are_one_session() {
     let logs = read(&late, Some(&files.model)).unwrap();
     assert_eq!((logs[0].epoch, logs[1].epoch, logs[1].continues), (1_700_000_000, 1_700_000_000, true));
     assert!((logs[1].joints[0].position.time[0] - 1.0).abs() < 1e-6);
+}
+
+/// Whatever the bytes are, there is an answer.
+#[test]
+fn changed_bytes_never_make_the_reader_stumble() {
+    const LETTERS: &[u8] = b"0123456789,.;-+e\"\n#\r nai\0\xFF";
+    let files = Files::new();
+    let whole = format!(
+        "# angles: rad\n{}",
+        rows("hinge.position,wheel.position,wheel.command_voltage", 12, |_, t| format!("{},\"1\",", swing(t)))
+    );
+    let mut random = Pcg64::seed_from_u64(9);
+    for _ in 0..600 {
+        let mut bytes = whole.clone().into_bytes();
+        for _ in 0..random.random_range(1..6) {
+            let at = random.random_range(0..bytes.len());
+            bytes[at] = LETTERS[random.random_range(0..LETTERS.len())];
+        }
+        if let Ok(log) = files.read(bytes) {
+            log.to_csv();
+        }
+    }
 }
 
 #[test]

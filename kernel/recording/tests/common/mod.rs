@@ -65,7 +65,7 @@ impl Files {
 
     /// The message with which a file is refused.
     pub fn refused(&self, bytes: impl AsRef<[u8]>) -> String {
-        self.read(bytes).unwrap_err().to_string()
+        self.read(bytes).err().unwrap().to_string()
     }
 }
 

@@ -199,6 +199,27 @@ fn what_is_read_is_what_was_measured_and_commanded() {
 }
 
 #[test]
+fn a_run_is_read_as_series_of_its_joints_too() {
+    let (folder, path) = in_folder();
+    let measured = run(&path, 1000, true);
+    let model = robot(folder.path());
+    let log = sagci_recording::read(std::slice::from_ref(&path), Some(&model)).unwrap().remove(0);
+    let bend = log.joint("bend").unwrap();
+    assert_eq!(bend.position.time.len(), 251);
+    assert_eq!((bend.position.time[50], bend.position.value[50]), (0.2, measured[200].q[1]));
+    assert_eq!(bend.velocity.as_ref().unwrap().value[50], measured[200].v[1]);
+    assert_eq!(bend.effort.as_ref().unwrap().value[50], measured[200].tau[1]);
+    // The commands of every period.
+    let (kind, efforts) = bend.command.as_ref().unwrap();
+    assert_eq!((*kind, efforts.value.len()), (sagci_recording::CommandKind::Effort, 1000));
+    assert_eq!(bend.command_at(0.3005), Some(command(300).tau[1]));
+    let wrist = &log.wrenches[0];
+    let F = measured[200].F_S;
+    assert_eq!((wrist.link.as_str(), wrist.F_L[50]), ("hand", [F.torque.x, F.torque.y, F.torque.z, F.force.x, F.force.y, F.force.z]));
+    assert!(log.notes.iter().any(|n| n.place == "gripper" && n.message.contains("does not have")), "{:?}", log.notes);
+}
+
+#[test]
 fn a_run_that_is_dropped_leaves_a_whole_file() {
     let (_folder, path) = in_folder();
     run(&path, 700, false);
