@@ -24,6 +24,10 @@ pub enum Command {
         #[command(flatten)]
         places: Places,
     },
+    /// Find where a model and measurements disagree, and name the effect that is missing.
+    Gap(Gap),
+    /// Predict measured motion over windows of time, sample by sample.
+    Simulate(Simulate),
     /// The library of object models.
     #[command(subcommand)]
     Models(Models),
@@ -72,6 +76,79 @@ pub struct Run {
     /// Where things are.
     #[command(flatten)]
     pub places: Places,
+}
+
+/// `sagci gap`.
+#[derive(Debug, Args)]
+pub struct Gap {
+    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read.
+    pub model: String,
+    /// Recordings to learn from: MCAP or CSV.
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    pub data: Vec<PathBuf>,
+    /// Recordings that nothing is fitted to; whole ones of the data are set aside if there are none.
+    #[arg(long, num_args = 1.., value_name = "LOG")]
+    pub held_out: Vec<PathBuf>,
+    /// Publish the model with what was found as a new version of the library's object.
+    #[arg(long)]
+    pub apply: bool,
+    /// Publish also what held-out data do not confirm.
+    #[arg(long, requires = "apply")]
+    pub accept_unconfirmed: bool,
+    /// Folder for gap.json, report.html, model.urdf and model.yaml.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Length of the windows over which positions are predicted, s.
+    #[arg(long, default_value_t = 1.0, value_name = "SECONDS", value_parser = seconds)]
+    pub window: f64,
+    /// Seed of every random choice.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What angles in the recordings are measured in; numbers that look like degrees are asked back about.
+    #[arg(long, value_enum)]
+    pub angles: Option<Angles>,
+    /// How to print the result.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+    /// Where things are.
+    #[command(flatten)]
+    pub places: Places,
+}
+
+/// `sagci simulate`.
+#[derive(Debug, Args)]
+pub struct Simulate {
+    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read.
+    pub model: String,
+    /// Recordings: MCAP or CSV.
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    pub data: Vec<PathBuf>,
+    /// The file to write: time, window, and by joint position, velocity and measured_position.
+    #[arg(long, value_name = "CSV")]
+    pub out: PathBuf,
+    /// Length of the windows, s.
+    #[arg(long, default_value_t = 1.0, value_name = "SECONDS", value_parser = seconds)]
+    pub window: f64,
+    /// What angles in the recordings are measured in; numbers that look like degrees are asked back about.
+    #[arg(long, value_enum)]
+    pub angles: Option<Angles>,
+    /// Where things are.
+    #[command(flatten)]
+    pub places: Places,
+}
+
+/// What angles are measured in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Angles {
+    /// Radians.
+    Rad,
+    /// Degrees.
+    Deg,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.02..=3600.0).contains(&value) { Ok(value) } else { Err("must be from 0.02 to 3600 s".to_owned()) }
 }
 
 /// How to print a result.

@@ -57,8 +57,10 @@ const MOST: usize = 4;
 const CONVINCING: f64 = 6.0;
 /// Names whose evidence is within this of the best one's cannot be told from it.
 const ALIKE: f64 = 3.0;
+/// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
+const MOST_NOISE: f64 = 8.0;
 /// Longest step of the last fits and of predictions, s.
-const FINE: f64 = 1e-3;
+pub(crate) const FINE: f64 = 1e-3;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 /// Quantile of the normal distribution for intervals of 95 %.
@@ -116,6 +118,13 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let here = search.evidence(&current, scale);
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
+        say(&format!("  most likely: {}", best_three(&candidates, here)));
+        if std::env::var("GAP_DEBUG").is_ok() {
+            eprintln!("noise {:?} scale {scale} base sse/n {} measured {}", search.noise, current.squares / search.problem.measured() as f64, search.problem.measured());
+            for c in &candidates {
+                eprintln!("   {:28} {:.1} sse/n {:.4} {:?}", c.effect, c.evidence - here, c.fit.squares / search.problem.measured() as f64, c.fit.hypothesis.fitted.iter().zip(&c.fit.hypothesis.x).map(|(f, x)| format!("{:?}={:.4}", f.knob, f.value(*x))).collect::<Vec<_>>());
+            }
+        }
         let nameless = search.nameless(&current, scale)?;
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
         if gain < CONVINCING {
@@ -249,6 +258,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     Ok(Found { report, model: found })
 }
 
+fn best_three(candidates: &[Candidate], here: f64) -> String {
+    let all: Vec<String> = candidates.iter().take(3).map(|c| format!("{} ({:+.1})", c.effect, c.evidence - here)).collect();
+    all.join(", ")
+}
+
 fn search_evidence(all: &[Candidate], of: &Candidate) -> f64 {
     all.first().map_or(of.evidence, |f| f.evidence)
 }
@@ -312,7 +326,7 @@ impl<'a> Search<'a> {
     /// The noise under which a fit's errors are most likely, if that is not the one assumed.
     fn likelier_noise(&self, fit: &Fit) -> Result<Option<crate::observer::Noise>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise)?;
+        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise, MOST_NOISE)?;
         Ok((noise != self.noise).then_some(noise))
     }
 
@@ -497,7 +511,7 @@ fn gaps(
             .par_iter()
             .map(|plant| Ok(Smoothed::new(plant, data, &search.noise)?.figures(plant, data, options.window, &ranges)))
             .collect::<Result<_, GapError>>()?;
-        let noise = likely_noise(&plants[2], data, &search.noise)?;
+        let noise = likely_noise(&plants[2], data, &search.noise, f64::INFINITY)?;
         let smoothed = Smoothed::new(&plants[2], data, &search.noise)?;
         let invented = smoothed.invent(&plants[2], data, &noise, options.window, options.seed)?;
         let floor = Smoothed::new(&plants[2], &invented, &search.noise)?.figures(&plants[2], &invented, options.window, &ranges);

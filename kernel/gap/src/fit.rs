@@ -67,9 +67,12 @@ impl<'a> Problem<'a> {
                 let fitted = &hypothesis.fitted[p];
                 let room = fitted.bounds[1] - x[p] >= fitted.difference;
                 let change = if room { fitted.difference } else { -fitted.difference };
-                let mut moved = x.to_vec();
-                moved[p] += change;
-                Ok((self.errors(hypothesis, &moved)? - errors) / change)
+                let at = |change: f64| {
+                    let mut moved = x.to_vec();
+                    moved[p] += change;
+                    Ok((self.errors(hypothesis, &moved)? - errors) / change)
+                };
+                at(change).or_else(|_: GapError| at(-change))
             })
             .collect()
     }

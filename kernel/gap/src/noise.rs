@@ -31,9 +31,24 @@ pub(crate) fn of_positions(trajectories: &[Trajectory], joint: usize) -> f64 {
         values.get(((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1))).copied().unwrap_or(0.0)
     };
     let spread = 1.4826 * median(&mut differences, 0.5);
-    // A position read in steps has at least the noise of these: the smallest change that is seen, evenly spread.
-    let quantum = median(&mut steps, 0.01) / 12f64.sqrt();
-    spread.max(if spread == 0.0 { quantum } else { 0.0 }).max(1e-9)
+    // A position read in steps has at least the noise of these, evenly spread over one.
+    let quantum = quantum(&steps).unwrap_or(0.0) / 12f64.sqrt();
+    spread.max(quantum).max(1e-9)
+}
+
+/// The step in which positions are read, if all their changes are multiples of one.
+fn quantum(changes: &[f64]) -> Option<f64> {
+    // Changes that a text or a single-precision number has rounded away are none.
+    let largest = changes.iter().copied().fold(0.0, f64::max);
+    let real: Vec<f64> = changes.iter().copied().filter(|d| *d > 1e-6 * largest).collect();
+    let mut sorted = real.clone();
+    sorted.sort_by(f64::total_cmp);
+    let smallest = *sorted.get(sorted.len() / 100)?;
+    let few: Vec<f64> = real.iter().copied().filter(|d| *d < 20.5 * smallest).collect();
+    let off = |d: &f64| (d / smallest - (d / smallest).round()).abs();
+    let fits = few.iter().filter(|d| off(d) < 0.1).count();
+    // By chance a fifth of all would fit.
+    (few.len() > 50 && fits as f64 > 0.9 * few.len() as f64).then_some(smallest)
 }
 
 /// Inertia that each joint's drive feels, `1 / (M^-1)_jj`, in the middle of the data.

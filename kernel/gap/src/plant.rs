@@ -16,6 +16,9 @@ pub(crate) struct Plant {
     pub step: f64,
 }
 
+/// How many times more steps are tried where one fails.
+const FINER: f64 = 8.0;
+
 /// What changes while a plant moves.
 #[derive(Debug)]
 pub(crate) struct Motion {
@@ -96,20 +99,31 @@ impl Plant {
         let n = trajectory.joints;
         let duration = trajectory.time[k + 1] - trajectory.time[k];
         let steps = (duration / self.step - 1e-6).ceil().max(1.0);
-        let h = duration / steps;
         motion.before.copy_from_slice(&motion.state.v);
         motion.state.time = trajectory.time[k];
-        for _ in 0..steps as usize {
-            for j in 0..n {
-                let (u, drive) = (trajectory.input[k * n + j], trajectory.drive[j]);
-                motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
-            }
-            self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &[] }, h)?;
+        let mut h = duration / steps;
+        if self.steps(motion, trajectory, k, h, steps as usize).is_err() {
+            // A stiff effect can want shorter steps for once. The state is that at which the step failed; the rest of the interval follows.
+            let rest = trajectory.time[k + 1] - motion.state.time;
+            h = rest / (FINER * steps);
+            self.steps(motion, trajectory, k, h, (FINER * steps) as usize)?;
         }
         for j in 0..n {
             let change = motion.state.v[j] - motion.before[j];
             motion.state.q[j] -= 0.5 * h * change;
             motion.acceleration[j] = change / duration;
+        }
+        Ok(())
+    }
+
+    fn steps(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, h: f64, count: usize) -> Result<(), GapError> {
+        let n = trajectory.joints;
+        for _ in 0..count {
+            for j in 0..n {
+                let (u, drive) = (trajectory.input[k * n + j], trajectory.drive[j]);
+                motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
+            }
+            self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &[] }, h)?;
         }
         Ok(())
     }

@@ -10,6 +10,8 @@ use crate::GapError;
 
 /// Times closer than this are one, s.
 const SAME_TIME: f64 = 1e-6;
+/// Free motion is averaged to about this period, s.
+const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 const CUT: (f64, f64) = (10.0, 0.1);
 
@@ -66,6 +68,34 @@ pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> 
 impl Trajectory {
     /// Puts the series of a log on one grid.
     pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
+        let this = Self::all(log, model)?;
+        let many = (FAST / this.period()).round() as usize;
+        // Inputs are exact; where there are none, dense samples can be averaged.
+        if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { Ok(this.averaged(many)) } else { Ok(this) }
+    }
+
+    /// Means over so many rows.
+    fn averaged(self, many: usize) -> Self {
+        let n = self.joints;
+        let mut this = Self { time: Vec::new(), position: Vec::new(), effort: Vec::new(), input: Vec::new(), starts: Vec::new(), ..self.clone() };
+        let mut ends = self.starts[1..].to_vec();
+        ends.push(self.rows());
+        for (start, end) in self.starts.iter().zip(ends) {
+            this.starts.push(this.time.len());
+            for first in (*start..end).step_by(many).filter(|f| f + many <= end) {
+                this.time.push(self.time[first..first + many].iter().sum::<f64>() / many as f64);
+                for j in 0..n {
+                    let sum: f64 = (first..first + many).map(|k| self.position[k * n + j]).sum();
+                    this.position.push(sum / many as f64);
+                    this.effort.push(f64::NAN);
+                    this.input.push(0.0);
+                }
+            }
+        }
+        this
+    }
+
+    fn all(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
         let names = joint_names(model)?;
         let n = names.len();
         let found: Vec<Option<&JointLog>> = names.iter().map(|name| log.joint(name)).collect();
@@ -133,13 +163,13 @@ impl Trajectory {
                 spread(series, j, &mut effort);
             }
             let Some(series) = inputs[j] else { continue };
-            let mut at = 0;
             for (i, t) in time.iter().enumerate() {
-                while at < series.time.len() && series.time[at] <= t + SAME_TIME {
-                    at += 1;
-                }
-                // Before the first one nothing is known; it is taken for that one, since motion starts at the first sample.
-                input[i * n + j] = series.value.get(at.saturating_sub(1)).copied().unwrap_or(0.0);
+                let at = t + SAME_TIME;
+                input[i * n + j] = match drive[j] {
+                    Drive::Command(_) => joint.command_at(at).unwrap_or(f64::NAN),
+                    // Before the first one nothing is known; it is taken for that one, since motion starts at the first sample.
+                    _ => series.value.get(series.time.partition_point(|x| *x <= at).saturating_sub(1)).copied().unwrap_or(0.0),
+                };
             }
         }
         let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();

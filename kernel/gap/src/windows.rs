@@ -6,6 +6,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::GapError;
@@ -44,35 +45,58 @@ pub(crate) struct Smoothed {
     runs: Vec<Run>,
 }
 
-/// Factors on the noise of accelerations among which the most likely is taken.
-const FACTORS: [f64; 9] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
+/// Factors on the noises among which the most likely are taken.
+const ACCELERATIONS: [f64; 9] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
+const POSITIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 
-/// The noise under which a plant's prediction errors are most likely: a model that lacks something is trusted less.
-pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Noise, GapError> {
-    let mut best: Option<(f64, Noise)> = None;
-    let mut motion = plant.motion();
-    for factor in FACTORS {
-        let tried = Noise { acceleration: noise.acceleration.iter().map(|a| factor * a).collect(), ..noise.clone() };
-        let mut cost = 0.0;
-        let mut errors = Vec::new();
-        for trajectory in trajectories {
-            let gains = Gains::new(trajectory, &tried);
-            errors.clear();
-            observer::run(plant, trajectory, &gains, &mut motion, &mut errors, None)?;
-            cost += 0.5 * errors.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant();
+/// The noise under which a plant's prediction errors are most likely, the noise of accelerations at most `most` times the one given: a
+/// model that lacks something is trusted less. Noise of positions that is not white hides from neighbouring samples, so it is asked
+/// about here, too.
+pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise, most: f64) -> Result<Noise, GapError> {
+    let cost = |tried: &Noise| -> f64 {
+        let one = |trajectory: &Trajectory| {
+            let gains = Gains::new(trajectory, tried);
+            let mut errors = Vec::new();
+            let run = observer::run(plant, trajectory, &gains, &mut plant.motion(), &mut errors, None);
+            run.map_or(f64::INFINITY, |()| 0.5 * errors.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
+        };
+        trajectories.par_iter().map(one).sum()
+    };
+    let with = |position: f64, acceleration: f64| Noise {
+        position: noise.position.iter().map(|x| position * x).collect(),
+        acceleration: noise.acceleration.iter().map(|x| acceleration * x).collect(),
+    };
+    // Along one, then along the other: the cost has one valley.
+    let mut best = (cost(noise), 1.0, 1.0);
+    for _ in 0..2 {
+        let before = (best.1, best.2);
+        for along in [0, 1] {
+            let factors: &[f64] = if along == 0 { &ACCELERATIONS } else { &POSITIONS };
+            let mut worse = 0;
+            for factor in factors.iter().filter(|f| along == 1 || **f <= most) {
+                let (position, acceleration) = if along == 0 { (best.1, *factor) } else { (*factor, best.2) };
+                let found = cost(&with(position, acceleration));
+                if found < best.0 {
+                    best = (found, position, acceleration);
+                    worse = 0;
+                } else {
+                    worse += 1;
+                }
+                if worse > 1 {
+                    break;
+                }
+            }
         }
-        if cost.is_finite() && best.as_ref().is_none_or(|(c, _)| cost < *c) {
-            best = Some((cost, tried));
-        } else {
+        if before == (best.1, best.2) {
             break;
         }
     }
-    Ok(best.map_or_else(|| noise.clone(), |b| b.1))
+    Ok(with(best.1, best.2))
 }
 
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        let noise = likely_noise(plant, trajectories, noise)?;
+        let noise = likely_noise(plant, trajectories, noise, f64::INFINITY)?;
         let mut motion = plant.motion();
         let mut errors = Vec::new();
         let mut runs = Vec::new();

@@ -2,9 +2,11 @@
 
 mod check;
 mod doctor;
+mod gap;
 mod models;
 mod replay;
 mod run;
+mod simulate;
 mod skills;
 
 use crate::arguments::{Arguments, Command};
@@ -15,6 +17,8 @@ pub fn execute(arguments: Arguments) -> Result<bool, CliError> {
     match arguments.command {
         Command::Run(run) => run::run(&run),
         Command::Check { script, places } => check::check(&script, &places),
+        Command::Gap(gap) => gap::gap(&gap),
+        Command::Simulate(simulate) => simulate::simulate(&simulate),
         Command::Models(command) => models::models(&command),
         Command::Skills(command) => skills::skills(&command),
         Command::Replay { recording, .. } => replay::replay(&recording),

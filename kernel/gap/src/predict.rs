@@ -1,0 +1,40 @@
+//! Predictions over windows, as a table that anyone can check the gap's figures by.
+
+use std::fmt::Write;
+
+use sagci_model::ObjectModel;
+use sagci_recording::Log;
+
+use crate::GapError;
+use crate::search::Search;
+use crate::trajectory::Trajectory;
+use crate::windows::Smoothed;
+
+/// CSV with the columns `time,window` and for each joint `JOINT.position,JOINT.velocity,JOINT.measured_position`; a row for each
+/// sample that a window predicts. Windows are those of the gap: each starts half a window after the one before.
+///
+/// # Errors
+/// As [`crate::find`].
+pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String, GapError> {
+    let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
+    let search = Search::new(model, &trajectories)?;
+    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::find::FINE)?;
+    let smoothed = Smoothed::new(&plant, &trajectories, &search.noise)?;
+    let mut text = String::from("time,window");
+    for name in &search.names {
+        // Writing to a text cannot fail.
+        let _ = write!(text, ",{name}.position,{name}.velocity,{name}.measured_position");
+    }
+    text.push('\n');
+    smoothed.predict(&plant, &trajectories, window, |sample| {
+        let trajectory = &trajectories[sample.trajectory];
+        let _ = write!(text, "{},{}", trajectory.time[sample.row], sample.window);
+        for j in 0..trajectory.joints {
+            let measured = trajectory.position[sample.row * trajectory.joints + j];
+            let measured = if measured.is_finite() { measured.to_string() } else { String::new() };
+            let _ = write!(text, ",{},{},{measured}", sample.position[j], sample.velocity[j]);
+        }
+        text.push('\n');
+    });
+    Ok(text)
+}
