@@ -708,7 +708,8 @@ impl Multibody {
 /// figures that were identified on machines may break this by a quarter.
 fn check_inertial(inertial: &sagci_model::Inertial) -> Result<(), String> {
     let (mass, I) = (inertial.mass, &inertial.I_LLcm_L);
-    if !(mass >= 0.0 && mass.is_finite()) || !inertial.p_LoLcm.iter().chain(I.iter()).all(|x| x.is_finite()) {
+    let finite = mass.is_finite() && inertial.p_LoLcm.iter().chain(I.iter()).all(|x| x.is_finite());
+    if !finite || mass < 0.0 {
         return Err(format!("has the mass {mass} kg, or a centre or inertia that is not finite; masses are finite and not negative"));
     }
     let mut moments: [f64; 3] = I.symmetric_eigenvalues().into();
