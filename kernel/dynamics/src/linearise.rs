@@ -231,27 +231,8 @@ impl System {
         for (a, (w, v)) in x.a.iter_mut().zip(w.iter().zip(&state.v)) {
             *a = (w - v) / dt;
         }
-        if let Some(pendulum) = &x.pendulum {
-            ws.rigid.variation.set_only(pendulum.gravity(state.q[0])[1]);
-        } else if self.solves_twice() || !self.sways.is_empty() {
-            multibody.forces(&mut ws.rigid, Some(&x.a), true);
-        } else {
-            // The step's own pass is there still.
-            multibody.accelerate(&mut ws.rigid, &x.a);
-        }
-        if x.pendulum.is_some() {
-        } else if self.sways.is_empty() {
-            multibody.differentiate(&mut ws.rigid);
-        } else {
-            ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
-            for (place, base) in self.sways.iter().zip(&ws.bases) {
-                let Some(motion) = self.base_step(place, base, state, dt) else { continue };
-                let acceleration = motion.sway.direction * ((motion.next_rate(base, w) - motion.rate) / dt);
-                place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
-            }
-            multibody.accelerate_bases(&mut ws.rigid);
-            multibody.differentiate_on::<true>(&mut ws.rigid);
-        }
+        self.rigid_change(ws, state, dt, first, x);
+        let w = if first { &ws.first.w } else { &ws.problem.v };
         let touching = match (&self.contacts, &mut ws.contact) {
             (Some(contacts), Some(contact)) if !contact.active.is_empty() => {
                 contact.rates(contacts, w);
@@ -330,6 +311,34 @@ impl System {
             });
         }
         self.eliminate_change(w, held, state, dt, at, x)
+    }
+
+    /// Derivatives of inverse dynamics at a solution, into the rigid workspace.
+    fn rigid_change(&self, ws: &mut StepWorkspace, state: &State, dt: f64, first: bool, x: &Linearisation) {
+        let multibody = self.multibody();
+        if let Some(pendulum) = &x.pendulum {
+            ws.rigid.variation.set_only(pendulum.gravity(state.q[0])[1]);
+            return;
+        }
+        if self.solves_twice() || !self.sways.is_empty() {
+            multibody.forces(&mut ws.rigid, Some(&x.a), true);
+        } else {
+            // The step's own pass is there still.
+            multibody.accelerate(&mut ws.rigid, &x.a);
+        }
+        if self.sways.is_empty() {
+            multibody.differentiate(&mut ws.rigid);
+            return;
+        }
+        let w = if first { &ws.first.w } else { &ws.problem.v };
+        ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
+        for (place, base) in self.sways.iter().zip(&ws.bases) {
+            let Some(motion) = self.base_step(place, base, state, dt) else { continue };
+            let acceleration = motion.sway.direction * ((motion.next_rate(base, w) - motion.rate) / dt);
+            place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
+        }
+        multibody.accelerate_bases(&mut ws.rigid);
+        multibody.differentiate_on::<true>(&mut ws.rigid);
     }
 
     /// How the learned residual's force changes, in the second solution.

@@ -194,7 +194,8 @@ impl Multibody {
     ///
     /// # Errors
     /// Two parts of one name, a part held by a link that is not there, a joint that mimics one of more or less than one
-    /// degree of freedom, a joint behind which there is no inertia.
+    /// degree of freedom, a joint behind which there is no inertia; a link whose mass or inertia no body has, a joint whose axis has no
+    /// direction.
     pub fn new(parts: &[Part<'_>]) -> Result<Self, DynamicsError> {
         let world = Body {
             parent: 0,
@@ -257,6 +258,20 @@ impl Multibody {
         let model = part.model;
         if model.links.len() != model.joints.len() + 1 {
             return Err(fault("links", format!("{} links do not make a tree with {} joints", model.links.len(), model.joints.len())));
+        }
+
+        for link in &model.links {
+            check_inertial(&link.inertial).map_err(|m| fault(&link.name, m))?;
+        }
+        for joint in &model.joints {
+            let turns = !matches!(joint.kind, JointKind::Fixed | JointKind::Floating);
+            let length = joint.axis.norm();
+            if turns && (length.is_nan() || (length - 1.0).abs() > 1e-6) {
+                return Err(fault(&joint.name, format!("its axis has the length {length}; it must be a unit vector")));
+            }
+            if !joint.X_PJ.to_homogeneous().iter().all(|x| x.is_finite()) {
+                return Err(fault(&joint.name, "its origin is not finite".into()));
+            }
         }
 
         // Links and joints of this part stand after those of earlier ones.
@@ -687,6 +702,23 @@ impl Multibody {
         }
         Ok(())
     }
+}
+
+/// Can a body have these mass properties? The greatest principal moment is at most the sum of the others; as where models are read,
+/// figures that were identified on machines may break this by a quarter.
+fn check_inertial(inertial: &sagci_model::Inertial) -> Result<(), String> {
+    let (mass, I) = (inertial.mass, &inertial.I_LLcm_L);
+    let finite = mass.is_finite() && inertial.p_LoLcm.iter().chain(I.iter()).all(|x| x.is_finite());
+    if !finite || mass < 0.0 {
+        return Err(format!("has the mass {mass} kg, or a centre or inertia that is not finite; masses are finite and not negative"));
+    }
+    let mut moments: [f64; 3] = I.symmetric_eigenvalues().into();
+    moments.sort_by(f64::total_cmp);
+    let [a, b, c] = moments;
+    if a < -1e-9 * c.abs() || c > 1.25 * (a + b) + 1e-9 * c.abs() {
+        return Err(format!("has the principal moments of inertia {a:.3e}, {b:.3e}, {c:.3e} kg m^2, which no body has"));
+    }
+    Ok(())
 }
 
 pub(crate) fn length(what: &'static str, given: usize, needed: usize) -> Result<(), DynamicsError> {

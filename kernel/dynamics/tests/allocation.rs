@@ -12,8 +12,8 @@ use sagci_dynamics::effects::{Acts, Parameter, Prior, catalogue};
 use sagci_dynamics::residual::{Activation, Residual};
 use sagci_dynamics::rollout::{Inputs, Rollout, RolloutOptions};
 use sagci_dynamics::{
-    Adjoint, ContactMaterial, ContactOptions, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation, Part,
-    RigidGradient, RigidParameter, System,
+    Adjoint, ContactMaterial, ContactOptions, ForwardDynamicsDerivatives, Input, InverseDynamicsDerivatives, Linearisation,
+    MeasurementDerivatives, Part, RigidGradient, RigidParameter, System,
 };
 use sagci_model::EffectEntry;
 
@@ -195,4 +195,27 @@ fn steps_with_contact_allocate_nothing() {
     }
     assert_eq!(COUNT.with(Cell::get) - before, 0);
     assert!(touching > 4000, "{touching}");
+}
+
+#[test]
+fn derivatives_by_parameters_allocate_nothing_even_after_these_have_changed() {
+    let (mut system, start, tau) = grip();
+    let which = system.all_parameters();
+    let mut values = which.values(&system).unwrap();
+    let mut x = Linearisation::with_parameters(&system, &which).unwrap();
+    let mut reading = MeasurementDerivatives::new(&system, &which).unwrap();
+    let (mut ws, mut state, mut next) = (system.workspace(), start.clone(), start);
+    let input = Input { tau: &tau, external: &[] };
+    for round in 0..3 {
+        values[0] += 1e-3;
+        system.set_parameters(&which, &values).unwrap();
+        let before = COUNT.with(Cell::get);
+        for _ in 0..100 {
+            system.linearise(&mut ws, &state, &input, 1e-3, &mut next, &mut x).unwrap();
+            system.measure_derivatives(&state, 0.3, 0, &mut reading).unwrap();
+            std::mem::swap(&mut state, &mut next);
+        }
+        assert_eq!(COUNT.with(Cell::get) - before, 0, "round {round}");
+        assert!(ws.contacts(&system).count() > 0);
+    }
 }

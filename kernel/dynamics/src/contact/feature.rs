@@ -16,7 +16,7 @@
 //! The first two also occur with the roles of A and B exchanged: moving A by `X` is moving both by `X` and B by `-X`.
 //!
 //! Not valid: where the kind of contact changes (a vertex slides off a face's edge), between parallel edges, for points that
-//! lie in one another's centre (`r = 0`, where `dn = 0` is given), and for a rim that lies flat.
+//! lie in one another's centre, and for a rim that lies flat. What would be infinite there is left out, so that all is finite.
 
 use nalgebra::{Matrix3, Matrix3x6, RowVector6, Vector3};
 
@@ -62,6 +62,12 @@ pub(crate) fn skew(x: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -x.z, x.y, x.z, 0.0, -x.x, -x.y, x.x, 0.0)
 }
 
+/// `1 / x`; zero where that means nothing.
+#[inline]
+fn inverse(x: f64) -> f64 {
+    if x.abs() > 1e-12 { 1.0 / x } else { 0.0 }
+}
+
 /// `C W(x)`.
 #[inline]
 fn carried(C: &Matrix3<f64>, x: &Vector3<f64>) -> Matrix3x6<f64> {
@@ -75,8 +81,8 @@ impl Slide {
     fn matrix(&self, n: &Vector3<f64>) -> Matrix3<f64> {
         match self {
             Self::Vertex => Matrix3::identity(),
-            Self::Crossing { e, m } => Matrix3::identity() - e * m.transpose() / m.dot(e),
-            Self::Corner { a } => n * a.transpose() / a.dot(n),
+            Self::Crossing { e, m } => Matrix3::identity() - e * m.transpose() * inverse(m.dot(e)),
+            Self::Corner { a } => n * a.transpose() * inverse(a.dot(n)),
         }
     }
 }
@@ -98,7 +104,7 @@ impl Feature {
                 let by_depth = -(n_here.transpose() * moved);
                 let along = line.map_or_else(Matrix3::zeros, |e| e * e.transpose());
                 let across = Matrix3::identity() - n_here * n_here.transpose() - along;
-                let dn = if *r > 1e-12 { across * moved / *r } else { Matrix3x6::zeros() };
+                let dn = across * moved * inverse(*r);
                 let middle = along * moved + dn * (reach - 0.5 * depth) - n_here * by_depth * 0.5;
                 exchanged(*of_a, p, n, Motion { p: middle, n: dn, depth: by_depth })
             }
@@ -108,21 +114,22 @@ impl Feature {
                 let length = e_a.cross(e_b).norm();
                 let flat = Matrix3::identity() - n * n.transpose();
                 // de_a = turn x e_a, so d(e_a x e_b) = (turn x e_a) x e_b = [e_b] [e_a] turn.
-                let turning = flat * skew(e_b) * skew(e_a) * (sign / length);
+                let turning = flat * skew(e_b) * skew(e_a) * (sign * inverse(length));
                 let mut dn = Matrix3x6::zeros();
                 dn.fixed_view_mut::<3, 3>(0, 0).copy_from(&turning);
                 let m = e_a.cross(n);
-                let dt = (m.transpose() * moved - m.transpose() * dn * *gap) / m.dot(e_b);
+                let dt = (m.transpose() * moved - m.transpose() * dn * *gap) * inverse(m.dot(e_b));
                 Motion { p: e_b * dt + dn * (reach - 0.5 * depth) - n * by_depth * 0.5, n: dn, depth: by_depth }
             }
             Self::Rim { center, axis, radius } => {
                 let across = n - axis * n.dot(axis);
                 let size = across.norm();
-                let m = across / size;
+                let m = across * inverse(size);
                 // d(across) = -(n . da) a - (n . a) da with da = turn x a = -[a] turn.
                 let da = -skew(axis);
-                let turned =
-                    (Matrix3::identity() - m * m.transpose()) * (axis * (n.transpose() * da) + da * n.dot(axis)) * (*radius / size);
+                let turned = (Matrix3::identity() - m * m.transpose())
+                    * (axis * (n.transpose() * da) + da * n.dot(axis))
+                    * (*radius * inverse(size));
                 let mut moved = carried(&Matrix3::identity(), center);
                 let mut turn = moved.fixed_view_mut::<3, 3>(0, 0);
                 turn += turned;
