@@ -20,8 +20,8 @@ use crate::simulate::{Run, simulate};
 /// A ratio above which an effect counts as visible: 32 nats of likelihood.
 pub const VISIBLE: f64 = 8.0;
 
-/// Windows that are looked at.
-const WINDOWS: usize = 14;
+/// Windows that are looked at: those that the known predicts worst, and as many spread over the others, which stand for them all.
+const WINDOWS: usize = 7;
 
 /// How far an effect stands out.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ pub(crate) struct Problem<'a> {
     pub known: &'a ObjectModel,
 }
 
-/// Simpler effects, or those most like it, with a size to start from. `u`, `v`, `size`: RMS effort and velocity, length of the range.
+/// Simpler effects, or those most like it.
 fn neighbours(name: &str) -> &'static [&'static str] {
     match name {
         "viscous_friction" => &["coulomb_friction"],
@@ -85,12 +85,14 @@ fn neighbours(name: &str) -> &'static [&'static str] {
 
 /// A fit's unknowns.
 struct Unknown {
-    /// Standard deviation of what is known of it; infinite where nothing is.
-    tolerance: f64,
     step: f64,
     lower: f64,
+    upper: f64,
     start: f64,
 }
+
+/// One window: run, first tick, the tick after the last.
+type Window = (usize, usize, usize);
 
 /// Known parameters that may be refitted: mass, centre along three axes, damping, friction.
 const KNOWN: usize = 6;
@@ -129,7 +131,7 @@ fn hypothesis(problem: &Problem, names: &[&str], x: &[f64], longest: f64) -> Res
 }
 
 /// Where windows begin and end: run, first tick, last tick.
-fn windows(runs: &[Run]) -> Vec<(usize, usize, usize)> {
+fn windows(runs: &[Run]) -> Vec<Window> {
     let mut all = Vec::new();
     for (r, run) in runs.iter().enumerate() {
         let Some(&first) = run.time.first() else { continue };
@@ -145,11 +147,11 @@ fn windows(runs: &[Run]) -> Vec<(usize, usize, usize)> {
     all
 }
 
-/// Errors of a prediction in the windows, at every fifth tick, over all joints in units of the watched joint's noise.
-fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(usize, usize, usize)]) -> Vec<f64> {
+/// Errors of a prediction in the windows, at every fifth tick, over all joints, times the root of the windows' weights.
+fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(Window, f64)]) -> Vec<f64> {
     let mut out = Vec::new();
     let n = problem.readings[0].len();
-    for &(r, from, to) in over {
+    for &((r, from, to), weight) in over {
         let run = &problem.runs[r];
         let time = &run.time[from..to];
         let back = from.saturating_sub(40);
@@ -165,7 +167,7 @@ fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(usize, usize, usiz
                 let off = run.position[from + k][j] - guess;
                 // A prediction that runs away is as wrong as the range is long.
                 let most = problem.scale.2[1] - problem.scale.2[0];
-                out.push(if off.is_finite() { off.clamp(-most, most) } else { most });
+                out.push(weight.sqrt() * if off.is_finite() { off.clamp(-most, most) } else { most });
             }
         }
     }
@@ -177,22 +179,17 @@ fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(usize, usize, usiz
 /// # Errors
 /// A mechanism that cannot be simulated.
 pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError> {
-    let mut over = windows(problem.runs);
-    let all = over.len().max(1);
-    let stride = all.div_ceil(WINDOWS);
-    over = over.into_iter().step_by(stride.max(1)).collect();
+    let all = windows(problem.runs);
     let n = problem.readings[0].len();
-    let stiff = problem.others.iter().any(|e| {
-        matches!(e.effect.as_str(), "backlash" | "hard_stop" | "presliding_hysteresis" | "joint_elasticity" | "unmodelled_mode" | "actuator_lag")
-    });
+    const STIFF: [&str; 6] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "unmodelled_mode", "actuator_lag"];
+    let stiff = problem.others.iter().any(|e| STIFF.contains(&e.effect.as_str()));
     let longest = if stiff { 2.5e-4 } else { 2.6e-3 };
-    // Only joints whose noise is its own: the watched one.
     let mass = crate::plant::Rigid::new(problem.known)?.at(&vec![0.0; n], &vec![0.0; n]).0;
     let m = mass[(problem.joint, problem.joint)];
     let (mut per_window, mut motion, mut count, mut spacing) = (0.0, 0.0, 0.0, 0.0);
-    for &(r, from, to) in &over {
+    for &(r, from, to) in &all {
         let run = &problem.runs[r];
-        per_window += (to - from) as f64 / over.len() as f64;
+        per_window += (to - from) as f64 / all.len() as f64;
         spacing = (run.time[to - 1] - run.time[from]) / (to - 1 - from).max(1) as f64;
         for k in from..to {
             motion += (run.q[k][problem.joint] - run.q[from][problem.joint]).powi(2);
@@ -204,17 +201,40 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
     let floor = 0.005 * (motion / f64::max(count, 1.0)).sqrt();
     let variance = noise * noise + (by_effort * by_effort + floor * floor) * per_window / 2.0;
 
-    let total = per_window * all as f64 / 2.0;
-    // Windows overlap by half: `total` is the number of samples of one joint.
+    // The windows that the known predicts worst, and some that stand for the rest.
+    let each: Vec<(Window, f64)> = all.iter().map(|w| (*w, 1.0)).collect();
+    let plain = errors(problem, &mut hypothesis(problem, &[], &[0.0; KNOWN], longest)?, &each);
+    let mut begins = 0;
+    let mut ranked: Vec<(f64, Window)> = Vec::new();
+    for &(r, from, to) in &all {
+        let length = (to - from).div_ceil(5) * n;
+        ranked.push((plain[begins..begins + length].iter().map(|e| e * e).sum(), (r, from, to)));
+        begins += length;
+    }
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let rest = ranked.len().saturating_sub(WINDOWS);
+    let mut over: Vec<(Window, f64)> = ranked.iter().take(WINDOWS).map(|(_, w)| (*w, 1.0)).collect();
+    let others: Vec<Window> = ranked.iter().skip(WINDOWS).step_by(rest.div_ceil(WINDOWS).max(1)).map(|(_, w)| *w).collect();
+    over.extend(others.iter().map(|w| (*w, rest as f64 / others.len() as f64)));
+
+    // Every fifth tick is looked at, and windows overlap by half.
     let (effort, velocity, range) = problem.scale;
-    let fit = |names: &[&str]| -> Result<(f64, f64), EvaluationError> {
+    let snr = |square: f64| (square * 2.5 / variance).sqrt();
+    let moving: Vec<usize> = problem.body.moving_joints().collect();
+    let joint = &problem.body.joints[moving[problem.joint]];
+    let fit = |names: &[&str], rounds: usize| -> Result<f64, EvaluationError> {
+        let known =
+            |step: f64, most: f64, open: bool| Unknown { step: if open { step } else { 0.0 }, lower: -most, upper: most, start: 0.0 };
+        let turns = joint.kind != sagci_model::JointKind::Prismatic;
+        // What lies along the axis turns nothing.
+        let across = |k: usize| turns && joint.axis[k].abs() < 0.9;
         let mut unknown = vec![
-            Unknown { tolerance: 0.02, step: 0.01, lower: -0.5, start: 0.0 },
-            Unknown { tolerance: 0.004, step: 0.002, lower: -1.0, start: 0.0 },
-            Unknown { tolerance: 0.004, step: 0.002, lower: -1.0, start: 0.0 },
-            Unknown { tolerance: 0.004, step: 0.002, lower: -1.0, start: 0.0 },
-            Unknown { tolerance: 1.0, step: 0.05, lower: -1.0, start: 0.0 },
-            Unknown { tolerance: 1.0, step: 0.05, lower: -1.0, start: 0.0 },
+            known(0.01, 0.02, true),
+            known(0.002, 0.005, across(0)),
+            known(0.002, 0.005, across(1)),
+            known(0.002, 0.005, across(2)),
+            known(0.05, 1.0, joint.damping > 0.0),
+            known(0.05, 1.0, joint.friction > 0.0),
         ];
         for name in names {
             let (size, lower) = match *name {
@@ -226,61 +246,57 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
                 _ => (1.0, f64::NEG_INFINITY),
             };
             let start = if lower == 0.0 { 0.1 * size } else { 0.0 };
-            unknown.push(Unknown { tolerance: f64::INFINITY, step: 0.03 * size, lower, start });
+            unknown.push(Unknown { step: 0.03 * size, lower, upper: f64::INFINITY, start });
         }
+        let free: Vec<usize> = (0..unknown.len()).filter(|&k| unknown[k].step > 0.0).collect();
         let evaluate = |x: &[f64]| -> Result<DVector<f64>, EvaluationError> {
             let mut plant = hypothesis(problem, names, x, longest)?;
             Ok(DVector::from_vec(errors(problem, &mut plant, &over)))
         };
-        let cost = |x: &[f64], r: &DVector<f64>| {
-            r.norm_squared() / variance + x.iter().zip(&unknown).map(|(x, u)| ((x - u.start) / u.tolerance).powi(2)).sum::<f64>()
-        };
         let mut x: Vec<f64> = unknown.iter().map(|u| u.start).collect();
         let mut r = evaluate(&x)?;
-        let first = r.norm_squared();
-        for _ in 0..3 {
-            let mut J = DMatrix::zeros(r.len(), x.len());
-            for (k, u) in unknown.iter().enumerate() {
+        for _ in 0..rounds {
+            let mut J = DMatrix::zeros(r.len(), free.len());
+            for (column, &k) in free.iter().enumerate() {
                 let mut moved = x.clone();
-                moved[k] += u.step;
-                J.set_column(k, &((evaluate(&moved)? - &r) / u.step));
+                moved[k] += unknown[k].step;
+                J.set_column(column, &(evaluate(&moved)? - &r));
             }
-            let mut H = J.transpose() * &J / variance;
-            let mut g = J.transpose() * &r / variance;
-            for (k, u) in unknown.iter().enumerate() {
-                H[(k, k)] += u.tolerance.powi(-2);
-                H[(k, k)] *= 1.0 + 1e-9;
-                H[(k, k)] += 1e-30;
-                g[k] += (x[k] - u.start) * u.tolerance.powi(-2);
+            let mut H = J.transpose() * &J;
+            let g = J.transpose() * &r;
+            let ridge = 1e-9 * H.trace() + 1e-30;
+            for k in 0..free.len() {
+                H[(k, k)] += ridge;
             }
             let Some(step) = H.lu().solve(&g) else { break };
-            let before = cost(&x, &r);
-            let mut better = false;
+            let before = r.norm_squared();
+            let mut gained = 0.0;
             for shorter in [1.0, 0.4, 0.1] {
-                let next: Vec<f64> = x.iter().zip(&step).zip(&unknown).map(|((x, s), u)| (x - shorter * s).max(u.lower)).collect();
+                let mut next = x.clone();
+                for (s, &k) in step.iter().zip(&free) {
+                    next[k] = (x[k] - shorter * s * unknown[k].step).clamp(unknown[k].lower, unknown[k].upper);
+                }
                 if next.iter().any(|x| !x.is_finite()) {
                     break;
                 }
                 let trial = evaluate(&next)?;
-                if cost(&next, &trial) < before {
-                    better = before - cost(&next, &trial) > 1e-3 * before;
+                if trial.norm_squared() < before {
+                    gained = before - trial.norm_squared();
                     (x, r) = (next, trial);
                     break;
                 }
             }
-            if !better {
+            if gained < 0.02 * before {
                 break;
             }
         }
-        Ok((first, r.norm_squared()))
+        Ok(r.norm_squared())
     };
-    let used = (over.iter().map(|(_, from, to)| (to - from).div_ceil(5)).sum::<usize>() * n).max(1) as f64;
-    // Of `n` joints each has its own noise; the ratio is that of the sum over all.
-    let snr = |square: f64| (square / used * total * n as f64 / variance).sqrt();
-    let (first, known) = fit(&[])?;
+    let known = fit(&[], 2)?;
     let names = neighbours(problem.entry);
-    let beyond = if names.is_empty() { known } else { fit(names)?.1.min(known) };
-    Ok(Detectability { rms: (first / used).sqrt(), snr: snr(known), snr_beyond_neighbours: snr(beyond) })
+    let beyond = if names.is_empty() { known } else { fit(names, 3)?.min(known) };
+    let rms = (plain.iter().map(|e| e * e).sum::<f64>() / plain.len().max(1) as f64).sqrt();
+    Ok(Detectability { rms, snr: snr(known), snr_beyond_neighbours: snr(beyond) })
 }
 
 /// RMS error of the true mechanism's prediction of held-out logs over windows of 1 s from true starts, pooled over joints in shares

@@ -154,17 +154,19 @@ pub fn judge(truth: &SealedTruth, answer: &Result<Value, String>, wall: f64) -> 
     };
     let exact_at = assign(&right);
     let in_set_at = assign(&|h, n| n.set().contains(h.entry.effect.as_str()));
-    let exact = answer.is_ok() && exact_at.iter().all(Option::is_some) && named.len() == truth.hidden.len() && truth.id.kind != RunKind::Outside;
+    let exact =
+        answer.is_ok() && exact_at.iter().all(Option::is_some) && named.len() == truth.hidden.len() && truth.id.kind != RunKind::Outside;
     let true_names: BTreeSet<&str> = truth.hidden.iter().map(|h| h.entry.effect.as_str()).collect();
-    let false_names =
-        named.iter().filter(|n| n.set().is_disjoint(&true_names)).map(|n| n.name.clone()).collect::<Vec<_>>();
+    let false_names = named.iter().filter(|n| n.set().is_disjoint(&true_names)).map(|n| n.name.clone()).collect::<Vec<_>>();
 
     let (mut joints, mut channels_right, mut covered) = (Vec::new(), Vec::new(), [0, 0]);
     for (hidden, at) in truth.hidden.iter().zip(&in_set_at) {
         let Some(at) = *at else { continue };
         joints.push(hidden.entry.joint.as_deref().is_none_or(|j| j == named[at].joint));
         let name = named[at].name.as_str();
-        channels_right.push(channels(&hidden.entry.effect).contains(&named[at].channel.as_str()) || channels(name).contains(&named[at].channel.as_str()));
+        channels_right.push(
+            channels(&hidden.entry.effect).contains(&named[at].channel.as_str()) || channels(name).contains(&named[at].channel.as_str()),
+        );
         if name == hidden.entry.effect {
             coverage(hidden, &effects[at]["parameters"], truth.joints.len(), &mut covered);
         }
@@ -224,7 +226,11 @@ fn coverage(hidden: &Hidden, reported: &Value, joints: usize, covered: &mut [usi
         // A sine of the other sign half a turn on is the same.
         let periodic = matches!(name, "torque_ripple" | "hinge_tilt");
         let flipped = periodic
-            && hidden.entry.parameters.get("amplitude").is_some_and(|a| reported["amplitude"]["value"].as_f64().is_some_and(|r| r * a < 0.0));
+            && hidden
+                .entry
+                .parameters
+                .get("amplitude")
+                .is_some_and(|a| reported["amplitude"]["value"].as_f64().is_some_and(|r| r * a < 0.0));
         let inside = match p.as_str() {
             "phase" if periodic => {
                 let base = if flipped { value + std::f64::consts::PI } else { value };
@@ -337,7 +343,11 @@ impl Table {
             let value = if row.value.is_finite() { format!("{:.3}", row.value) } else { "-".into() };
             let _ = writeln!(text, "{:<58} {value:>8} {interval:>15} {:>6}  {:<28} {met}", row.measure, row.count, row.target);
         }
-        let _ = writeln!(text, "\n{:<29} {:>9} {:>9} {:>9} {:>9} {:>9}  taken for", "single effect", "level 1", "level 2", "level 3", "in set", "visible");
+        let _ = writeln!(
+            text,
+            "\n{:<29} {:>9} {:>9} {:>9} {:>9} {:>9}  taken for",
+            "single effect", "level 1", "level 2", "level 3", "in set", "visible"
+        );
         let share = |[good, of]: [usize; 2]| format!("{good}/{of}");
         for (name, row) in &self.effects {
             let taken: Vec<String> = row.taken_for.iter().map(|(n, c)| format!("{n} {c}")).collect();
@@ -385,7 +395,8 @@ pub fn table(all: &[Judgement]) -> Table {
                 cell[0] += usize::from(j.exact);
                 if !j.exact {
                     let said: Vec<String> = j.named.iter().map(|n| n.set().into_iter().collect::<Vec<_>>().join("|")).collect();
-                    let said = if said.is_empty() { if j.verdict == "unknown" { "unknown".into() } else { "-".into() } } else { said.join(" + ") };
+                    let said =
+                        if said.is_empty() { if j.verdict == "unknown" { "unknown".into() } else { "-".into() } } else { said.join(" + ") };
                     *row.taken_for.entry(said).or_default() += 1;
                 }
             }
@@ -436,12 +447,10 @@ pub fn table(all: &[Judgement]) -> Table {
     let unknown = |j: &Judgement| j.verdict == "unknown" && j.named.is_empty() && j.place_right == Some(true);
     t.rate("outside the catalogue: unknown, with its place", &clear, unknown, Must::AtLeast(0.9), ">= 0.90");
     t.rate("outside the catalogue: wrongly named", &outside, |j| !j.named.is_empty(), Must::AtMost(0.05), "<= 0.05");
-    let placed = |runs: &[&Judgement]| runs.iter().filter(|j| j.visible.iter().all(|x| *x)).count();
     let seen: Vec<&Judgement> = arm.iter().copied().filter(|j| j.visible.iter().all(|x| *x)).collect();
     let place = |j: &Judgement| j.joint_right == Some(true) && j.channel_right == Some(true);
     t.rate("the right joint and channel on an arm", &seen, place, Must::AtLeast(0.97), ">= 0.97");
     t.rate("exact single name on an arm", &seen, |j| j.exact, Must::Nothing, "");
-    let _ = placed;
     let covered = all.iter().fold([0, 0], |s, j| [s[0] + j.covered[0], s[1] + j.covered[1]]);
     let rate = if covered[1] == 0 { f64::NAN } else { covered[0] as f64 / covered[1] as f64 };
     t.row("95 % intervals that cover", rate, Some(wilson(covered[0], covered[1])), covered[1], Must::Within(0.92, 0.97), "0.92 .. 0.97");
@@ -453,11 +462,20 @@ pub fn table(all: &[Judgement]) -> Table {
     t.row("held-out gap after / noise floor, median", floored, None, good.len(), Must::Nothing, "");
     let oracle = median(good.iter().map(|j| j.gap.after / j.gap.oracle).collect());
     t.row("held-out gap after / true mechanism's, median", oracle, None, good.len(), Must::AtMost(1.1), "<= 1.10 of the oracle's fit");
-    for (runs, word, limit) in [(all.iter().filter(|j| j.id.kind != RunKind::Arm).collect::<Vec<_>>(), "few joints", 5.0), (arm.clone(), "seven joints", 60.0)] {
+    for (runs, word, limit) in
+        [(all.iter().filter(|j| j.id.kind != RunKind::Arm).collect::<Vec<_>>(), "few joints", 5.0), (arm.clone(), "seven joints", 60.0)]
+    {
         let answered: Vec<f64> = runs.iter().filter(|j| j.failure.is_none()).map(|j| j.seconds).collect();
         let target = format!("< {limit} s alone on two cores");
         t.row(&format!("seconds, {word}, median"), median(answered.clone()), None, answered.len(), Must::AtMost(limit), &target);
-        t.row(&format!("seconds, {word}, longest"), answered.iter().copied().fold(f64::NAN, f64::max), None, answered.len(), Must::Nothing, "");
+        t.row(
+            &format!("seconds, {word}, longest"),
+            answered.iter().copied().fold(f64::NAN, f64::max),
+            None,
+            answered.len(),
+            Must::Nothing,
+            "",
+        );
     }
     t.failures = all.iter().filter_map(|j| j.failure.as_ref().map(|f| format!("{}: {f}", j.id))).collect();
     t

@@ -130,40 +130,29 @@ impl JointPhysics {
                 damping: p("damping")?,
             },
             "torque_bias" => Term::Bias { bias: p("bias")? },
-            "magnetic_gasket" => {
-                Term::Gasket { force: p("force")?, width: p("width")?, inverse_square: word("shape", "inverse_square") }
+            "magnetic_gasket" => Term::Gasket { force: p("force")?, width: p("width")?, inverse_square: word("shape", "inverse_square") },
+            "air_suction" => Term::Air { stiffness: p("stiffness")?, time_constant: p("time_constant")?, seal: p("seal_position")? },
+            "latch" => {
+                Term::Latch { opening: p("opening_force")?, closing: p("closing_force")?, position: p("position")?, width: p("width")? }
             }
-            "air_suction" => {
-                Term::Air { stiffness: p("stiffness")?, time_constant: p("time_constant")?, seal: p("seal_position")? }
-            }
-            "latch" => Term::Latch {
-                opening: p("opening_force")?,
-                closing: p("closing_force")?,
-                position: p("position")?,
-                width: p("width")?,
-            },
             "detent" => Term::Detent { force: p("force")?, position: p("position")?, width: p("width")? },
-            "soft_close_damper" => {
-                Term::SoftClose { damping: p("damping")?, position: p("position")?, stiffness: p("stiffness")? }
-            }
+            "soft_close_damper" => Term::SoftClose { damping: p("damping")?, position: p("position")?, stiffness: p("stiffness")? },
             "hard_stop" => Term::HardStop {
                 stiffness: p("stiffness")?,
                 dissipation: p("dissipation")?,
                 position: p("position")?,
                 side: p("side")?.signum(),
             },
-            "torque_ripple" => {
-                Term::Ripple { amplitude: p("amplitude")?, cycles: p("cycles_per_turn")?, phase: p("phase")? }
-            }
+            "torque_ripple" => Term::Ripple { amplitude: p("amplitude")?, cycles: p("cycles_per_turn")?, phase: p("phase")? },
             "backlash" => {
                 let rotor = p("rotor_inertia")?;
-                // Rigid teeth are stiff ones that do not rebound: 1500 rad/s, critically damped.
+                // Rigid teeth are stiff ones that hardly rebound: 1500 rad/s, twice critically damped.
                 let reduced = rotor * inertia / (rotor + inertia);
                 let pace = 1500.0;
                 self.transmission = Some(Transmission {
                     half_gap: p("half_gap")?,
                     stiffness: reduced * pace * pace,
-                    damping: 2.0 * reduced * pace,
+                    damping: 4.0 * reduced * pace,
                     rotor_inertia: rotor,
                 });
                 self.sensor.on_motor = word("encoder", "motor");
@@ -251,6 +240,12 @@ impl JointPhysics {
         }
     }
 
+    /// Where the rotor's position and velocity stand among the inner states; empty without one.
+    pub(crate) fn rotor(&self) -> std::ops::Range<usize> {
+        let from = usize::from(self.lag.is_some());
+        from..from + 2 * usize::from(self.transmission.is_some())
+    }
+
     /// Can it stick?
     pub(crate) fn is_dry(&self) -> bool {
         self.friction > 0.0 || self.terms.iter().any(Term::is_dry)
@@ -282,7 +277,11 @@ impl JointPhysics {
         let mut rotor = None;
         if let Some(t) = self.transmission {
             let (twist, rate) = (z[next] - at.q, z[next + 1] - at.v);
-            passed = if t.half_gap > 0.0 { mesh(twist, rate, t.half_gap, t.stiffness, t.damping) } else { t.stiffness * twist + t.damping * rate };
+            passed = if t.half_gap > 0.0 {
+                mesh(twist, rate, t.half_gap, t.stiffness, t.damping)
+            } else {
+                t.stiffness * twist + t.damping * rate
+            };
             rotor = Some((next, z[next + 1], (delivered - passed) / t.rotor_inertia));
             next += 2;
         }
@@ -303,8 +302,7 @@ impl JointPhysics {
         let (delivered, passed, mut next) = self.drive(&at, hold, z, None);
         at.effort = delivered;
         let wear = self.wear(at.t);
-        let mut out =
-            Acting { effort: passed, damping: self.damping * wear, dry: [self.friction * wear; 2], delivered };
+        let mut out = Acting { effort: passed, damping: self.damping * wear, dry: [self.friction * wear; 2], delivered };
         for term in &self.terms {
             let end = next + term.states();
             let Resistance { smooth, dry } = term.resist(&at, &z[next..end]);

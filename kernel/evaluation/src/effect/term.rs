@@ -37,46 +37,153 @@ impl Resistance {
 /// One term with its numbers.
 #[derive(Debug, Clone)]
 pub(crate) enum Term {
-    Viscous { damping: f64 },
-    Coulomb { friction: f64 },
-    Asymmetric { friction: [f64; 2], damping: [f64; 2] },
-    Stribeck { friction: f64, static_friction: f64, velocity: f64, exponent: f64 },
-    Drag { drag: f64 },
-    LuGre { stiffness: f64, micro_damping: f64, friction: f64, static_friction: f64, velocity: f64 },
-    Load { coefficient: f64 },
-    Place { friction: f64, amplitude: f64, position: f64, width: f64 },
-    Spring { stiffness: f64, rest: f64 },
-    Tilt { amplitude: f64, phase: f64 },
-    Cable { stiffness: f64, rest: f64, force: f64, length: f64, damping: f64 },
-    Bias { bias: f64 },
-    Gasket { force: f64, width: f64, inverse_square: bool },
-    Air { stiffness: f64, time_constant: f64, seal: f64 },
-    Latch { opening: f64, closing: f64, position: f64, width: f64 },
-    Detent { force: f64, position: f64, width: f64 },
-    SoftClose { damping: f64, position: f64, stiffness: f64 },
-    HardStop { stiffness: f64, dissipation: f64, position: f64, side: f64 },
-    Ripple { amplitude: f64, cycles: f64, phase: f64 },
+    Viscous {
+        damping: f64,
+    },
+    Coulomb {
+        friction: f64,
+    },
+    Asymmetric {
+        friction: [f64; 2],
+        damping: [f64; 2],
+    },
+    Stribeck {
+        friction: f64,
+        static_friction: f64,
+        velocity: f64,
+        exponent: f64,
+    },
+    Drag {
+        drag: f64,
+    },
+    LuGre {
+        stiffness: f64,
+        micro_damping: f64,
+        friction: f64,
+        static_friction: f64,
+        velocity: f64,
+    },
+    Load {
+        coefficient: f64,
+    },
+    Place {
+        friction: f64,
+        amplitude: f64,
+        position: f64,
+        width: f64,
+    },
+    Spring {
+        stiffness: f64,
+        rest: f64,
+    },
+    Tilt {
+        amplitude: f64,
+        phase: f64,
+    },
+    Cable {
+        stiffness: f64,
+        rest: f64,
+        force: f64,
+        length: f64,
+        damping: f64,
+    },
+    Bias {
+        bias: f64,
+    },
+    Gasket {
+        force: f64,
+        width: f64,
+        inverse_square: bool,
+    },
+    Air {
+        stiffness: f64,
+        time_constant: f64,
+        seal: f64,
+    },
+    Latch {
+        opening: f64,
+        closing: f64,
+        position: f64,
+        width: f64,
+    },
+    Detent {
+        force: f64,
+        position: f64,
+        width: f64,
+    },
+    SoftClose {
+        damping: f64,
+        position: f64,
+        stiffness: f64,
+    },
+    HardStop {
+        stiffness: f64,
+        dissipation: f64,
+        position: f64,
+        side: f64,
+    },
+    Ripple {
+        amplitude: f64,
+        cycles: f64,
+        phase: f64,
+    },
     // Not in the catalogue:
     /// Damping that grows with the distance from a place: c |q - position| v.
-    PlacedDamping { damping: f64, position: f64 },
+    PlacedDamping {
+        damping: f64,
+        position: f64,
+    },
     /// A spring whose stiffness swings through zero in time: k sin(w t) (q - rest).
-    Parametric { stiffness: f64, rest: f64, pace: f64 },
+    Parametric {
+        stiffness: f64,
+        rest: f64,
+        pace: f64,
+    },
     /// c v^3.
-    Cubic { drag: f64 },
+    Cubic {
+        drag: f64,
+    },
     /// Dry friction that comes and goes at random times; it is on between `times[2k]` and `times[2k + 1]`.
-    Binding { friction: f64, times: Vec<f64> },
+    Binding {
+        friction: f64,
+        times: Vec<f64>,
+    },
     /// A sin(w t + phase).
-    TimedSine { amplitude: f64, pace: f64, phase: f64 },
+    TimedSine {
+        amplitude: f64,
+        pace: f64,
+        phase: f64,
+    },
     /// A sgn(sin(w t)).
-    TimedSquare { amplitude: f64, pace: f64 },
+    TimedSquare {
+        amplitude: f64,
+        pace: f64,
+    },
     /// A spring of two stiffnesses, with a kink.
-    Kink { below: f64, above: f64, position: f64 },
+    Kink {
+        below: f64,
+        above: f64,
+        position: f64,
+    },
     /// c v / (1 + (v / v0)^2).
-    Brake { damping: f64, velocity: f64 },
+    Brake {
+        damping: f64,
+        velocity: f64,
+    },
     /// A mass that is loose by `gap` each way and rattles.
-    Loose { inertia: f64, gap: f64, stiffness: f64, damping: f64 },
+    Loose {
+        inertia: f64,
+        gap: f64,
+        stiffness: f64,
+        damping: f64,
+    },
     /// Break-away friction that grows while the joint stands.
-    Dwell { friction: f64, growth: f64, time_constant: f64, velocity: f64 },
+    Dwell {
+        friction: f64,
+        growth: f64,
+        time_constant: f64,
+        velocity: f64,
+    },
 }
 
 fn side(v: f64) -> usize {

@@ -50,10 +50,8 @@ impl Mechanism {
         let moving: Vec<usize> = model.moving_joints().collect();
         let rigid = Rigid::new(&model)?;
         let (mass, _) = rigid.at(&vec![0.0; moving.len()], &vec![0.0; moving.len()]);
-        let mut joints: Vec<JointPhysics> = moving
-            .iter()
-            .map(|&j| JointPhysics::new(model.joints[j].damping, model.joints[j].friction))
-            .collect();
+        let mut joints: Vec<JointPhysics> =
+            moving.iter().map(|&j| JointPhysics::new(model.joints[j].damping, model.joints[j].friction)).collect();
         for entry in effects {
             match entry.effect.as_str() {
                 "payload" | "joint_axis_error" => {}
@@ -94,7 +92,9 @@ fn move_axis(model: &mut ObjectModel, entry: &EffectEntry) -> Option<()> {
     let p = |name: &str| entry.parameters.get(name).copied().unwrap_or(0.0);
     let at = model.joint(entry.joint.as_deref()?)?;
     let about = nalgebra::Vector3::new(p("rx"), p("ry"), p("rz"));
-    let turn = about.try_normalize(1e-12).map_or_else(nalgebra::UnitQuaternion::identity, |n| nalgebra::UnitQuaternion::from_scaled_axis(n * p("angle")));
+    let turn = about
+        .try_normalize(1e-12)
+        .map_or_else(nalgebra::UnitQuaternion::identity, |n| nalgebra::UnitQuaternion::from_scaled_axis(n * p("angle")));
     let joint = &mut model.joints[at];
     joint.axis = nalgebra::Unit::new_normalize(turn * joint.axis.into_inner());
     joint.X_PJ *= nalgebra::Translation3::new(p("x"), p("y"), p("z"));

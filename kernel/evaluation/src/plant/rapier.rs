@@ -2,9 +2,7 @@
 //! given anew in every step, as equal and opposite forces on what the joint joins. Inner states follow the step's motion.
 
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
-use rapier3d_f64::dynamics::{
-    GenericJointBuilder, JointAxesMask, MassProperties, MultibodyJointHandle, RigidBodyBuilder, RigidBodyHandle,
-};
+use rapier3d_f64::dynamics::{GenericJointBuilder, JointAxesMask, MassProperties, MultibodyJointHandle, RigidBodyBuilder, RigidBodyHandle};
 use rapier3d_f64::math::{Matrix, Pose, Vector};
 use rapier3d_f64::pipeline::PhysicsWorld;
 use sagci_model::JointKind;
@@ -199,13 +197,18 @@ impl Rapier {
         }
         let bias = self.rigid.as_ref().map(|r| r.at(&self.q, &self.v).1);
         let load = |i: usize| bias.as_ref().map_or(0.0, |b| -b[i]);
+        let mut ahead: Vec<Vec<f64>> = vec![Vec::new(); self.joints.len()];
         for i in 0..self.joints.len() {
             let at = At { q: self.q[i], v: self.v[i], effort: 0.0, load: load(i), t: self.t };
             let acting = self.mechanism.joints[i].acting(at, hold[i], &self.z[i]);
             let effort = match self.mechanism.joints[i].states() {
                 0 => acting.effort,
                 // What inner states do within the step: its mean along the present motion.
-                _ => self.foresee(i, at, hold[i], h),
+                _ => {
+                    let (effort, z) = self.foresee(i, at, hold[i], h);
+                    ahead[i] = z;
+                    effort
+                }
             };
             self.push(i, effort);
             if let Some((multibody, id)) = self.physics.multibody_joints.get_mut(self.joints[i].handle)
@@ -234,12 +237,19 @@ impl Rapier {
                 let along = |s: f64| At { q: before.0 + v * s, v, effort: 0.0, load: load(i), t: self.t + s };
                 self.inner(i, &mut z, &along, hold[i], s, fine);
             }
+            // A rotor has lost what the link was given: both along the same motion.
+            let rotor = self.mechanism.joints[i].rotor();
+            z[rotor.clone()].copy_from_slice(&ahead[i][rotor]);
             self.mechanism.joints[i].settle(q, &mut z);
             self.z[i] = z;
         }
         self.t += h;
         let sane = |x: &f64| x.is_finite() && x.abs() < 1e6;
-        if self.q.iter().chain(&self.v).chain(self.z.iter().flatten()).all(sane) { Ok(()) } else { Err(EvaluationError::Diverged { time: self.t }) }
+        if self.q.iter().chain(&self.v).chain(self.z.iter().flatten()).all(sane) {
+            Ok(())
+        } else {
+            Err(EvaluationError::Diverged { time: self.t })
+        }
     }
 
     /// One Runge-Kutta step of inner states along a motion.
@@ -260,8 +270,8 @@ impl Rapier {
         }
     }
 
-    /// Mean effort over the coming step, if the joint kept its velocity.
-    fn foresee(&self, i: usize, at: At, hold: Hold, h: f64) -> f64 {
+    /// Mean effort over the coming step, if the joint kept its velocity, and the inner states at its end.
+    fn foresee(&self, i: usize, at: At, hold: Hold, h: f64) -> (f64, Vec<f64>) {
         let joint = &self.mechanism.joints[i];
         let fine = h / INNER as f64;
         let along = |s: f64| At { q: at.q + at.v * s, t: at.t + s, ..at };
@@ -272,7 +282,7 @@ impl Rapier {
             self.inner(i, &mut z, &along, hold, s, fine);
             sum += joint.acting(along(s + fine), hold, &z).effort * if k + 1 == INNER { 0.5 } else { 1.0 };
         }
-        sum / INNER as f64
+        (sum / INNER as f64, z)
     }
 }
 
@@ -324,4 +334,3 @@ impl Plant for Rapier {
         &self.mechanism
     }
 }
-

@@ -16,7 +16,9 @@ pub(crate) struct RungeKutta {
     place: Vec<usize>,
     dry: Vec<bool>,
     /// Positions, velocities, inner states.
-    x: Vec<f64>,
+    x: X,
+    /// Number of states in use.
+    states: usize,
     /// -1 and 1: slides, 0: sticks.
     mode: Vec<i8>,
     t: f64,
@@ -24,16 +26,22 @@ pub(crate) struct RungeKutta {
     longest: f64,
 }
 
-/// Rates of a state, and for joints that stick the force that holds them, less what it may be.
+/// Room for joints and for states: on the stack, for the loop runs millions of times.
+const JOINTS: usize = 12;
+/// See [`JOINTS`].
+const STATES: usize = 48;
+type X = [f64; STATES];
+
+/// Rates of a state, and for joints that stick the force that holds them, and what it may be.
 struct Rates {
-    dx: Vec<f64>,
-    held: Vec<f64>,
-    bound: Vec<[f64; 2]>,
+    dx: X,
+    held: [f64; JOINTS],
+    bound: [[f64; 2]; JOINTS],
 }
 
 impl RungeKutta {
     /// # Errors
-    /// A mechanism that is no tree of hinges and slides.
+    /// A mechanism that is no tree of hinges and slides, or has too many of them.
     pub(crate) fn new(mechanism: Mechanism, longest: f64) -> Result<Self, EvaluationError> {
         let rigid = Rigid::new(&mechanism.model)?;
         let n = mechanism.joints.len();
@@ -44,83 +52,86 @@ impl RungeKutta {
             next += joint.states();
         }
         place.push(next);
+        if n > JOINTS || next > STATES {
+            return Err(EvaluationError::Model { message: format!("it has {n} joints and {next} states, more than there is room for") });
+        }
         let dry = mechanism.joints.iter().map(super::JointPhysics::is_dry).collect();
-        let mut plant = Self { mechanism, rigid, n, place, dry, x: vec![0.0; next], mode: vec![0; n], t: 0.0, longest };
+        let mut plant = Self { mechanism, rigid, n, place, dry, x: [0.0; STATES], states: next, mode: vec![0; n], t: 0.0, longest };
         plant.reset(0.0, &vec![0.0; n], &vec![0.0; n]);
         Ok(plant)
     }
 
-    fn rates(&self, t: f64, x: &[f64], hold: &[Hold]) -> Rates {
+    fn rates(&self, t: f64, x: &X, hold: &[Hold]) -> Rates {
         let n = self.n;
-        let (q, rest) = x.split_at(n);
-        let v = &rest[..n];
-        let mut dx = vec![0.0; x.len()];
-        dx[..n].copy_from_slice(v);
-        let (mut M, bias, one) = match &self.rigid {
-            Rigid::One { .. } => {
-                let (mass, bias) = self.rigid.one(q[0]);
-                (None, DVector::from_element(1, bias), mass)
+        let (q, v) = (&x[..n], &x[n..2 * n]);
+        let mut out = Rates { dx: [0.0; STATES], held: [0.0; JOINTS], bound: [[0.0; 2]; JOINTS] };
+        out.dx[..n].copy_from_slice(v);
+        let mut tau = [0.0; JOINTS];
+        if let Rigid::One { .. } = self.rigid {
+            let (mass, bias) = self.rigid.one(q[0]);
+            tau[0] = self.push(0, t, x, hold, bias, &mut out) - bias;
+            if self.dry[0] && self.mode[0] == 0 {
+                out.held[0] = tau[0];
+            } else {
+                out.dx[1] = tau[0] / (mass + self.mechanism.joints[0].armature);
             }
-            Rigid::Many(_) => {
-                let (M, bias) = self.rigid.at(q, v);
-                (Some(M), bias, 0.0)
-            }
-        };
-        let mut tau = vec![0.0; n];
-        let mut bound = vec![[0.0; 2]; n];
-        for (i, joint) in self.mechanism.joints.iter().enumerate() {
-            let at = At { q: q[i], v: v[i], effort: 0.0, load: -bias[i], t };
-            let (from, to) = (self.place[i], self.place[i + 1]);
-            let acting = joint.acting(at, hold[i], &x[from..to]);
-            tau[i] = acting.effort - acting.damping * v[i] - bias[i];
-            bound[i] = acting.dry;
-            if self.dry[i] {
-                match self.mode[i] {
-                    1 => tau[i] -= acting.dry[0],
-                    -1 => tau[i] += acting.dry[1],
-                    _ => {}
-                }
-            }
-            if to > from {
-                joint.rates(at, hold[i], &x[from..to], &mut dx[from..to]);
-            }
+            return out;
+        }
+        let (mut M, bias) = self.rigid.at(q, v);
+        for i in 0..n {
+            tau[i] = self.push(i, t, x, hold, bias[i], &mut out) - bias[i];
+            M[(i, i)] += self.mechanism.joints[i].armature;
         }
         let stuck = |i: usize| self.dry[i] && self.mode[i] == 0;
-        let mut held = vec![0.0; n];
-        match &mut M {
-            None => {
-                if stuck(0) {
-                    held[0] = tau[0];
-                } else {
-                    dx[n] = tau[0] / (one + self.mechanism.joints[0].armature);
-                }
-            }
-            Some(M) => {
-                for (i, joint) in self.mechanism.joints.iter().enumerate() {
-                    M[(i, i)] += joint.armature;
-                }
-                let free: Vec<usize> = (0..n).filter(|&i| !stuck(i)).collect();
-                let small = DMatrix::from_fn(free.len(), free.len(), |r, c| M[(free[r], free[c])]);
-                let right = DVector::from_fn(free.len(), |r, _| tau[free[r]]);
-                let a = small.cholesky().map_or_else(|| DVector::from_element(free.len(), f64::NAN), |c| c.solve(&right));
-                for (k, &i) in free.iter().enumerate() {
-                    dx[n + i] = a[k];
-                }
-                for i in (0..n).filter(|&i| stuck(i)) {
-                    held[i] = tau[i] - free.iter().enumerate().map(|(k, &j)| M[(i, j)] * a[k]).sum::<f64>();
-                }
-            }
+        let free: Vec<usize> = (0..n).filter(|&i| !stuck(i)).collect();
+        let small = DMatrix::from_fn(free.len(), free.len(), |r, c| M[(free[r], free[c])]);
+        let right = DVector::from_fn(free.len(), |r, _| tau[free[r]]);
+        let a = small.cholesky().map_or_else(|| DVector::from_element(free.len(), f64::NAN), |c| c.solve(&right));
+        for (k, &i) in free.iter().enumerate() {
+            out.dx[n + i] = a[k];
         }
-        Rates { dx, held, bound }
+        for i in (0..n).filter(|&i| stuck(i)) {
+            out.held[i] = tau[i] - free.iter().enumerate().map(|(k, &j)| M[(i, j)] * a[k]).sum::<f64>();
+        }
+        out
     }
 
-    fn trial(&self, h: f64, hold: &[Hold]) -> Vec<f64> {
-        let at = |by: f64, dx: &[f64]| -> Vec<f64> { self.x.iter().zip(dx).map(|(x, d)| x + by * d).collect() };
+    /// The force on a joint but for the bias, with the rates of its inner states and the bound of its dry friction.
+    fn push(&self, i: usize, t: f64, x: &X, hold: &[Hold], bias: f64, out: &mut Rates) -> f64 {
+        let joint = &self.mechanism.joints[i];
+        let at = At { q: x[i], v: x[self.n + i], effort: 0.0, load: -bias, t };
+        let (from, to) = (self.place[i], self.place[i + 1]);
+        let acting = joint.acting(at, hold[i], &x[from..to]);
+        if to > from {
+            joint.rates(at, hold[i], &x[from..to], &mut out.dx[from..to]);
+        }
+        out.bound[i] = acting.dry;
+        let rubbing = match self.mode[i] {
+            _ if !self.dry[i] => 0.0,
+            1 => acting.dry[0],
+            -1 => -acting.dry[1],
+            _ => 0.0,
+        };
+        acting.effort - acting.damping * at.v - rubbing
+    }
+
+    fn trial(&self, h: f64, hold: &[Hold]) -> X {
+        let at = |by: f64, dx: &X| {
+            let mut x = self.x;
+            for i in 0..self.states {
+                x[i] += by * dx[i];
+            }
+            x
+        };
         let k1 = self.rates(self.t, &self.x, hold).dx;
         let k2 = self.rates(self.t + h / 2.0, &at(h / 2.0, &k1), hold).dx;
         let k3 = self.rates(self.t + h / 2.0, &at(h / 2.0, &k2), hold).dx;
         let k4 = self.rates(self.t + h, &at(h, &k3), hold).dx;
-        (0..self.x.len()).map(|i| self.x[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])).collect()
+        let mut x = self.x;
+        for i in 0..self.states {
+            x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+        }
+        x
     }
 
     /// Frees the joints whose friction can no longer hold them.
@@ -139,7 +150,7 @@ impl RungeKutta {
         }
     }
 
-    fn crosses(&self, x: &[f64]) -> Option<usize> {
+    fn crosses(&self, x: &X) -> Option<usize> {
         (0..self.n).find(|&i| self.dry[i] && self.mode[i] != 0 && x[self.n + i] * f64::from(self.mode[i]) < 0.0)
     }
 

@@ -226,14 +226,19 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
     let jitter = if rng.chance(0.3) { rng.between(0.05, 0.25) } else { 0.0 };
     let missing = if rng.chance(0.3) { rng.scale(0.003, 0.03) } else { 0.0 };
     let session = names.iter().any(|n| matches!(*n, "thermal_wear" | "sensor_drift")) || rng.chance(0.4);
-    let follow = if names.contains(&"joint_elasticity") || names.contains(&"unmodelled_mode") { rng.between(3.0, 4.5) } else { rng.between(9.0, 16.0) };
+    let follow = if names.contains(&"joint_elasticity") || names.contains(&"unmodelled_mode") {
+        rng.between(3.0, 4.5)
+    } else {
+        rng.between(9.0, 16.0)
+    };
     let duration = 40.0 / seen.len() as f64;
     let mut start_of = 0.0;
     let plan = |family: Family, duration: f64, from: &mut f64, rng: &mut Random| {
         let references = stage.range.iter().map(|r| Reference::draw(family, *r, duration, follow, rng)).collect();
         let dt = 1.0 / rate;
         let count = (duration * rate).round() as usize + 1;
-        let mut time: Vec<f64> = (0..count).map(|k| k as f64 * dt + if k > 0 { jitter * dt * rng.between(-0.5, 0.5) } else { 0.0 }).collect();
+        let mut time: Vec<f64> =
+            (0..count).map(|k| k as f64 * dt + if k > 0 { jitter * dt * rng.between(-0.5, 0.5) } else { 0.0 }).collect();
         // A sample that was never taken: its input lasts until the next.
         let mut k = 0;
         time.retain(|_| {
@@ -261,7 +266,9 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         for j in 0..n {
             let root = |x: &dyn Fn(&Run, usize) -> f64| {
                 let all: Vec<f64> = runs.iter().flat_map(|r| (0..r.time.len()).map(move |k| (r, k))).map(|(r, k)| x(r, k)).collect();
-                let most = all.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+                let mut sizes: Vec<f64> = all.iter().map(|x| x.abs()).collect();
+                sizes.sort_by(f64::total_cmp);
+                let most = sizes.get(sizes.len() * 49 / 50).copied().unwrap_or(0.0);
                 ((all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt(), most)
             };
             let (effort, most) = root(&|r, k| r.delivered[k][j]);
@@ -305,7 +312,7 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
             outside = Some((j, term));
             entries.push(EffectEntry { effect: (*name).into(), joint: Some(joint.clone()), parameters: numbers, ..EffectEntry::default() });
         } else {
-            let Some(entry) = priors::draw(name, joint, &scales[j], &mut rng) else { return Ok(None) };
+            let Some(entry) = priors::draw(name, joint, &scales[j], level, &mut rng) else { return Ok(None) };
             entries.push(entry);
         }
         joints.push(j);
@@ -321,7 +328,10 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
     };
     let inside_catalogue: Vec<EffectEntry> = entries.iter().filter(|e| CATALOGUE.contains(&e.effect.as_str())).cloned().collect();
     let by_rapier = rng.chance(0.6);
+    const STIFF: [&str; 5] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "loose_mass"];
+    let stiff = names.iter().any(|n| STIFF.contains(n));
     let step = match (kind, by_rapier) {
+        _ if stiff => rng.between(1.2e-4, 2e-4),
         (Kind::Arm, true) => 5e-4,
         (Kind::Arm, false) => 2e-3,
         (_, true) => rng.between(2e-4, 4e-4),
@@ -368,7 +378,8 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
     let log = |runs: &[Run], word: &str, rng: &mut Random| -> Vec<Log> {
         runs.iter().enumerate().map(|(i, r)| observe.log(r, &format!("{word}_{}", i + 1), session && i > 0, rng)).collect()
     };
-    let given = Given { model: stage.known.clone(), train: log(&train_runs, "train", &mut rng), held_out: log(&held_runs, "held_out", &mut rng) };
+    let given =
+        Given { model: stage.known.clone(), train: log(&train_runs, "train", &mut rng), held_out: log(&held_runs, "held_out", &mut rng) };
 
     // What can be known.
     let gravity = kind.feels_gravity();
@@ -473,9 +484,7 @@ fn compatible(name: &str, with: &[&str]) -> bool {
         &["encoder_offset", "clock_skew", "sensor_drift"],
     ];
     let clash = |a: &str, b: &str| a == b || GROUPS.iter().any(|g| g.contains(&a) && g.contains(&b));
-    let shared = |names: &[&str]| {
-        priors::stages(names[0]).iter().any(|k| names.iter().all(|n| priors::stages(n).contains(k)))
-    };
+    let shared = |names: &[&str]| priors::stages(names[0]).iter().any(|k| names.iter().all(|n| priors::stages(n).contains(k)));
     let together: Vec<&str> = with.iter().copied().chain([name]).collect();
     with.iter().all(|w| !clash(w, name)) && shared(&together)
 }
@@ -521,7 +530,8 @@ impl Observe<'_> {
             let all = |value: Vec<f64>| Series { time: run.time.clone(), value };
             let position = all(run.position.iter().map(|p| noisy(p[j], self.noise[0][j], rng)).collect());
             // Velocities as drives give them: differences of a fine encoder, filtered; about thirty times the position's noise a second.
-            let velocity = self.with_velocity.then(|| all(run.velocity.iter().map(|v| noisy(v[j], 30.0 * self.noise[0][j], rng)).collect()));
+            let velocity =
+                self.with_velocity.then(|| all(run.velocity.iter().map(|v| noisy(v[j], 30.0 * self.noise[0][j], rng)).collect()));
             let [bias, rate] = self.sensors[j].sensor.effort_drift;
             let hand = self.stage.driving == Driving::Hand;
             let effort = (hand || self.with_effort).then(|| {
@@ -539,7 +549,8 @@ impl Observe<'_> {
             };
             joints.push(JointLog { name: self.stage.known.joints[joint].name.clone(), position, velocity, effort, command });
         }
-        let mut log = Log { source: format!("{source}.csv"), hash: String::new(), joints, wrenches: Vec::new(), notes: Vec::new(), continues };
+        let mut log =
+            Log { source: format!("{source}.csv"), hash: String::new(), joints, wrenches: Vec::new(), notes: Vec::new(), continues };
         let digest = Sha256::digest(to_csv(&log).as_bytes());
         log.hash = digest.iter().map(|b| format!("{b:02x}")).collect();
         log

@@ -13,7 +13,7 @@ use crate::random::Random;
 /// How a joint is used in a scenario without the effect.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scale {
-    /// RMS effort, N m or N, and the greatest.
+    /// RMS effort, N m or N, and that which one sample in fifty exceeds.
     pub effort: f64,
     pub most: f64,
     /// RMS velocity.
@@ -37,7 +37,9 @@ pub(crate) fn stages(name: &str) -> &'static [Kind] {
     use Kind::{Door, Drawer, OvenDoor, Pendulum, PlanarArm, ServoLink};
     match name {
         "magnetic_gasket" | "air_suction" | "latch" | "soft_close_damper" => &[Door, Drawer, OvenDoor],
-        "transport_delay" | "actuator_lag" | "actuator_saturation" | "backlash" | "joint_elasticity" => &[ServoLink, Pendulum, ServoLink, PlanarArm],
+        "transport_delay" | "actuator_lag" | "actuator_saturation" | "backlash" | "joint_elasticity" => {
+            &[ServoLink, Pendulum, ServoLink, PlanarArm]
+        }
         "torque_gain" => &[ServoLink, Pendulum, PlanarArm],
         "torque_ripple" => &[ServoLink, Pendulum, Drawer],
         "clock_skew" => &[ServoLink, Pendulum],
@@ -82,10 +84,7 @@ pub(crate) fn needs_command(name: &str) -> bool {
 
 /// Effects on which a position servo would act back in a way that the model's words leave open.
 pub(crate) fn allows_servo(name: &str) -> bool {
-    !matches!(
-        name,
-        "transport_delay" | "actuator_lag" | "backlash" | "joint_elasticity" | "encoder_offset" | "sensor_drift" | "clock_skew"
-    )
+    !matches!(name, "transport_delay" | "actuator_lag" | "backlash" | "joint_elasticity" | "encoder_offset" | "sensor_drift" | "clock_skew")
 }
 
 /// What the model must and must not know of losses for an effect to be missing.
@@ -132,9 +131,10 @@ pub(crate) fn telling(name: &str) -> &'static [Family] {
 }
 
 /// The catalogue's effect with numbers for a joint.
-pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, rng: &mut Random) -> Option<EffectEntry> {
+pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, level: usize, rng: &mut Random) -> Option<EffectEntry> {
     let size = scale.range[1] - scale.range[0];
-    let share = rng.scale(0.06, 0.45);
+    // Small enough to be missed by eye; larger where the sensors are worse.
+    let share = rng.scale([0.06, 0.08, 0.14][level.min(2)], 0.5);
     let force = share * scale.effort;
     let damping = force / scale.velocity;
     let inside = |rng: &mut Random, a: f64, b: f64| scale.range[0] + size * rng.between(a, b);
@@ -158,13 +158,13 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, rng: &mut Random) -> 
         ],
         "quadratic_drag" => vec![("drag", force / (scale.velocity * scale.velocity))],
         "presliding_hysteresis" => vec![
-            ("stiffness", force / (size * rng.scale(1e-3, 6e-3))),
+            ("stiffness", force / (size * rng.scale(2e-3, 1.2e-2))),
             ("micro_damping", damping * rng.scale(0.01, 0.1)),
             ("friction", force),
             ("static_friction", force * rng.between(1.0, 1.6)),
             ("stribeck_velocity", scale.velocity * rng.scale(0.05, 0.3)),
         ],
-        "load_dependent_friction" => vec![("load_coefficient", rng.scale(0.05, 0.25))],
+        "load_dependent_friction" => vec![("load_coefficient", rng.scale(0.08, 0.3))],
         "position_dependent_friction" => vec![
             ("friction", 0.4 * force),
             ("amplitude", force * rng.between(0.8, 2.0)),
@@ -191,7 +191,7 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, rng: &mut Random) -> 
             vec![("stiffness", 2.0 * force / reach), ("time_constant", rng.scale(0.4, 4.0)), ("seal_position", seal)]
         }
         "latch" => {
-            let opening = force * rng.between(2.0, 5.0);
+            let opening = force * rng.between(3.0, 7.0);
             vec![
                 ("opening_force", opening),
                 ("closing_force", opening * rng.between(0.2, 0.7)),
@@ -235,8 +235,8 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, rng: &mut Random) -> 
         "transport_delay" => vec![("delay", rng.scale(0.004, 0.03))],
         "actuator_lag" => vec![("time_constant", rng.scale(0.005, 0.03))],
         "armature_inertia" => vec![("inertia", scale.inertia * rng.scale(0.08, 0.6))],
-        "torque_gain" => vec![("gain_error", rng.sign() * rng.scale(0.05, 0.25))],
-        "actuator_saturation" => vec![("limit", scale.most * rng.between(0.35, 0.75))],
+        "torque_gain" => vec![("gain_error", rng.sign() * rng.scale(0.06, 0.25))],
+        "actuator_saturation" => vec![("limit", scale.most * rng.between(0.45, 0.85))],
         "payload" => {
             let l = scale.length;
             let d = [rng.between(-0.4, 0.4) * l, rng.between(-0.4, 0.4) * l, -rng.between(0.3, 1.0) * l];
@@ -260,13 +260,13 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, rng: &mut Random) -> 
         }
         "encoder_offset" => {
             let scale_error = if rng.chance(0.5) { 0.0 } else { rng.sign() * rng.scale(0.008, 0.04) };
-            vec![("offset", rng.sign() * rng.scale(0.01, 0.06)), ("scale_error", scale_error)]
+            vec![("offset", rng.sign() * rng.scale(0.04, 0.12)), ("scale_error", scale_error)]
         }
         "sensor_drift" => {
             let effort = rng.chance(0.7);
             choices.insert("of".into(), if effort { "effort" } else { "position" }.into());
             if effort {
-                vec![("bias", rng.sign() * 0.4 * force), ("rate", rng.sign() * 2.0 * force / scale.session)]
+                vec![("bias", rng.sign() * 0.5 * force), ("rate", rng.sign() * 4.0 * force / scale.session)]
             } else {
                 vec![("bias", 0.0), ("rate", rng.sign() * rng.scale(1e-3, 5e-3) * size)]
             }

@@ -163,7 +163,10 @@ impl Stage {
                 (model("servo_link", vec![base(), part], vec![hinge]), vec![[-reach, reach]])
             }
             Kind::PlanarArm => {
-                let (m, l) = ([round(rng.scale(0.5, 3.0)), round(rng.scale(0.3, 1.5))], [round(rng.between(0.2, 0.4)), round(rng.between(0.2, 0.35))]);
+                let (m, l) = (
+                    [round(rng.scale(0.5, 3.0)), round(rng.scale(0.3, 1.5))],
+                    [round(rng.between(0.2, 0.4)), round(rng.between(0.2, 0.35))],
+                );
                 let reach = [rng.between(0.8, 1.3), rng.between(0.9, 1.5)];
                 let upper = link("upper", m[0], [0.0, 0.0, round(-0.5 * l[0])], [0.05, 0.05, l[0]]);
                 let lower = link("lower", m[1], [0.0, 0.0, round(-0.45 * l[1])], [0.04, 0.04, l[1]]);
@@ -234,8 +237,7 @@ impl Stage {
 fn fixed_hand(arm: &ObjectModel) -> (ObjectModel, Vec<[f64; 2]>) {
     let mut known = arm.clone();
     let driven: Vec<String> = known.document.robot.as_ref().map(|r| r.arm_joints.clone()).unwrap_or_default();
-    let ready: Vec<f64> =
-        known.document.robot.as_ref().and_then(|r| r.configurations.first()).map(|c| c.q.clone()).unwrap_or_default();
+    let ready: Vec<f64> = known.document.robot.as_ref().and_then(|r| r.configurations.first()).map(|c| c.q.clone()).unwrap_or_default();
     for joint in &mut known.joints {
         if !driven.contains(&joint.name) && !driven.is_empty() {
             joint.kind = JointKind::Fixed;
