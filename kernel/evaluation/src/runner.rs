@@ -1,0 +1,205 @@
+//! Asks a workflow about many runs, blindly, and remembers what it answered.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use rayon::prelude::*;
+use sagci_model::ObjectModel;
+use serde_json::Value;
+
+use crate::EvaluationError;
+use crate::effect::{CATALOGUE, OUTSIDE};
+use crate::scenario::{Given, RunId, RunKind, draw, to_csv};
+use crate::score::{Judgement, judge};
+
+/// Which runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Suite {
+    /// A small fixed slice: every effect once, some of everything else.
+    Slice,
+    /// Enough for the targets.
+    Full,
+    /// These.
+    These(Vec<RunId>),
+}
+
+impl Suite {
+    /// The runs, in an order in which any beginning is a fair sample.
+    pub fn runs(&self) -> Vec<RunId> {
+        let run = |kind, effect: &str, level, number| RunId { kind, effect: effect.to_owned(), level, number };
+        let mut all = Vec::new();
+        match self {
+            Self::These(list) => return list.clone(),
+            Self::Slice => {
+                all.extend(CATALOGUE.iter().enumerate().map(|(i, e)| run(RunKind::Single, e, 1 + i % 3, 0)));
+                all.extend((0..9).map(|i| run(RunKind::Clean, "", 1 + i % 3, i / 3)));
+                all.extend((0..3).map(|i| run(RunKind::Double, "", 1 + i, 0)));
+                all.push(run(RunKind::Triple, "", 1, 0));
+                all.extend(OUTSIDE.iter().enumerate().map(|(i, e)| run(RunKind::Outside, e, 1 + i % 3, 0)));
+            }
+            Self::Full => {
+                for number in 0..10 {
+                    for level in 1..=3 {
+                        all.extend(CATALOGUE.iter().map(|e| run(RunKind::Single, e, level, number)));
+                        all.extend((0..34).map(|i| run(RunKind::Clean, "", level, number * 34 + i)));
+                        all.extend((0..6).map(|i| run(RunKind::Double, "", level, number * 6 + i)));
+                        all.extend((0..4).map(|i| run(RunKind::Triple, "", level, number * 4 + i)));
+                        all.extend((0..4).map(|i| run(RunKind::Arm, "", level, number * 4 + i)));
+                        all.extend(OUTSIDE.iter().map(|e| run(RunKind::Outside, e, level, number)));
+                    }
+                }
+            }
+        }
+        all
+    }
+}
+
+/// What [`run`] does.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Which runs.
+    pub suite: Suite,
+    /// Everything is drawn from it.
+    pub seed: u64,
+    /// Only runs whose name begins so; empty for all.
+    pub only: String,
+    /// A folder for `results.jsonl`: a run that stands there is not asked again.
+    pub out: Option<PathBuf>,
+    /// A folder for the sealed truths, one file a run. Nothing reads them back.
+    pub sealed: Option<PathBuf>,
+    /// A folder for what the workflow is given, one folder a run with the model and the logs.
+    pub data: Option<PathBuf>,
+    /// The robot's arm; without it the runs with an arm are left out.
+    pub arm: Option<ObjectModel>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { suite: Suite::Slice, seed: 1, only: String::new(), out: None, sealed: None, data: None, arm: None }
+    }
+}
+
+/// Draws the runs, asks the workflow about each and judges the answers. The workflow sees [`Given`] and nothing else: its answer is
+/// the JSON document of a report, or why there is none. `progress` gets one line a run.
+///
+/// # Errors
+/// A file that cannot be read or written, or a run that cannot be drawn. A workflow that fails is a judgement.
+pub fn run(
+    options: &Options,
+    workflow: &(dyn Fn(&Given) -> Result<Value, String> + Sync),
+    progress: &(dyn Fn(&str) + Sync),
+) -> Result<Vec<Judgement>, EvaluationError> {
+    for folder in [&options.out, &options.sealed, &options.data].into_iter().flatten() {
+        std::fs::create_dir_all(folder).map_err(|source| EvaluationError::File { path: folder.clone(), source })?;
+    }
+    let results = options.out.as_ref().map(|o| o.join("results.jsonl"));
+    let mut done = match &results {
+        Some(path) => remembered(path, options.seed)?,
+        None => Vec::new(),
+    };
+    let mut wanted = options.suite.runs();
+    wanted.retain(|id| id.to_string().starts_with(&options.only) && (id.kind != RunKind::Arm || options.arm.is_some()));
+    let asked: BTreeSet<&RunId> = wanted.iter().collect();
+    done.retain(|j| asked.contains(&j.id));
+    let known: BTreeSet<RunId> = done.iter().map(|j| j.id.clone()).collect();
+    let open: Vec<&RunId> = wanted.iter().filter(|id| !known.contains(id)).collect();
+
+    let file = match &results {
+        Some(path) => {
+            let file = std::fs::OpenOptions::new().create(true).append(true).open(path);
+            Some(Mutex::new(file.map_err(|source| EvaluationError::File { path: path.clone(), source })?))
+        }
+        None => None,
+    };
+    let (count, total) = (AtomicUsize::new(known.len()), wanted.len());
+    let fresh: Result<Vec<Judgement>, EvaluationError> = open
+        .par_iter()
+        .map(|id| {
+            let scenario = draw(id, options.seed, options.arm.as_ref())?;
+            let name = id.to_string().replace('/', "-");
+            if let Some(folder) = &options.sealed {
+                write(&folder.join(format!("{name}.json")), &serde_json::to_string_pretty(&scenario.truth).unwrap_or_default())?;
+            }
+            if let Some(folder) = &options.data {
+                store(&folder.join(&name), &scenario.given)?;
+            }
+            let began = Instant::now();
+            let answer = workflow(&scenario.given);
+            let judgement = judge(&scenario.truth, &answer, began.elapsed().as_secs_f64());
+            if let (Some(file), Some(path)) = (&file, &results) {
+                let mut line = serde_json::to_string(&judgement).unwrap_or_default();
+                line.push('\n');
+                if let Ok(mut file) = file.lock() {
+                    file.write_all(line.as_bytes()).map_err(|source| EvaluationError::File { path: path.clone(), source })?;
+                }
+            }
+            progress(&line_of(count.fetch_add(1, Ordering::Relaxed) + 1, total, &judgement));
+            Ok(judgement)
+        })
+        .collect();
+    done.extend(fresh?);
+    done.sort_by(|a, b| a.id.cmp(&b.id));
+    Ok(done)
+}
+
+fn line_of(number: usize, total: usize, j: &Judgement) -> String {
+    let said: Vec<String> = j.named.iter().map(|n| [&[n.name.clone()][..], &n.alternatives].concat().join("|")).collect();
+    let said = if said.is_empty() { j.verdict.clone() } else { said.join(" + ") };
+    let mark = match (&j.failure, j.id.kind) {
+        (Some(_), _) => "failed",
+        (_, RunKind::Outside) if j.verdict == "unknown" && j.named.is_empty() => "right",
+        (_, RunKind::Outside) => "WRONG",
+        _ if j.exact => "right",
+        _ if !j.nameable.iter().all(|x| *x) => "hidden too deep",
+        _ if j.in_sets => "in the set",
+        _ => "WRONG",
+    };
+    let said = j.failure.as_ref().map_or(said, Clone::clone);
+    format!(
+        "[{number}/{total}] {:<44} {:<26} {mark}: {said} (hidden: {}; snr {:.0}; {:.1} s)",
+        j.id.to_string(),
+        j.plant,
+        if j.hidden.is_empty() { "nothing".to_owned() } else { j.hidden.join(" + ") },
+        j.snr.min(1e5),
+        j.wall
+    )
+}
+
+fn write(path: &Path, text: &str) -> Result<(), EvaluationError> {
+    std::fs::write(path, text).map_err(|source| EvaluationError::File { path: path.to_owned(), source })
+}
+
+/// What a workflow is given, as files: a model's folder and its logs.
+fn store(folder: &Path, given: &Given) -> Result<(), EvaluationError> {
+    given.model.write(folder).map_err(|e| EvaluationError::Malformed { path: folder.to_owned(), message: e.to_string() })?;
+    for log in given.train.iter().chain(&given.held_out) {
+        write(&folder.join(&log.source), &to_csv(log))?;
+    }
+    Ok(())
+}
+
+/// Judgements of an earlier run with the same seed. A last line that was cut off is left out.
+fn remembered(path: &Path, seed: u64) -> Result<Vec<Judgement>, EvaluationError> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text = std::fs::read_to_string(path).map_err(|source| EvaluationError::File { path: path.to_owned(), source })?;
+    let lines: Vec<&str> = text.lines().collect();
+    let mut all = Vec::new();
+    for (i, line) in lines.iter().enumerate() {
+        match serde_json::from_str::<Judgement>(line) {
+            Ok(judgement) if judgement.seed == seed => all.push(judgement),
+            Ok(_) => {}
+            Err(_) if i + 1 == lines.len() => {}
+            Err(e) => {
+                let message = format!("line {}: {e}; remove the file to begin anew", i + 1);
+                return Err(EvaluationError::Malformed { path: path.to_owned(), message });
+            }
+        }
+    }
+    Ok(all)
+}

@@ -1,0 +1,598 @@
+//! Runs drawn from a seed: a mechanism, its model, what is hidden in it, how it is moved, and what the sensors make of that.
+
+mod excitation;
+mod priors;
+mod stage;
+
+use std::collections::BTreeMap;
+
+use sagci_model::{EffectEntry, JointKind, ObjectModel};
+use sagci_recording::{CommandKind, JointLog, Log, Series};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::EvaluationError;
+use crate::effect::{CATALOGUE, Circumstances, Hold, OUTSIDE, indistinguishable};
+use crate::oracle::{self, Detectability};
+use crate::plant::{Mechanism, Plant, Rapier, Rigid, RungeKutta};
+use crate::random::{Random, number_of};
+use crate::simulate::{Run, simulate};
+use excitation::{Family, Reference};
+use priors::Scale;
+pub(crate) use stage::Driving;
+use stage::{Kind, Losses, Stage};
+
+/// What kind of run it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunKind {
+    /// One effect of the catalogue is hidden.
+    Single,
+    /// Nothing is hidden.
+    Clean,
+    /// Two effects.
+    Double,
+    /// Three effects.
+    Triple,
+    /// An effect that the catalogue lacks.
+    Outside,
+    /// One effect in a robot's arm.
+    Arm,
+}
+
+impl RunKind {
+    /// The word for it in names of runs.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Single => "single",
+            Self::Clean => "clean",
+            Self::Double => "double",
+            Self::Triple => "triple",
+            Self::Outside => "outside",
+            Self::Arm => "arm",
+        }
+    }
+}
+
+/// Which run: together with a seed it says everything.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct RunId {
+    /// What kind.
+    pub kind: RunKind,
+    /// The effect of a single, arm or outside run; empty where it is drawn.
+    pub effect: String,
+    /// Noise level, 1 to 3.
+    pub level: usize,
+    /// Number among its like.
+    pub number: usize,
+}
+
+impl std::fmt::Display for RunId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let effect = if self.effect.is_empty() { "-" } else { &self.effect };
+        write!(f, "{}/{effect}/{}/{:03}", self.kind.word(), self.level, self.number)
+    }
+}
+
+/// What a workflow is given, and nothing else.
+#[derive(Debug, Clone)]
+pub struct Given {
+    /// The model as it is known.
+    pub model: ObjectModel,
+    /// Recordings to learn from.
+    pub train: Vec<Log>,
+    /// Recordings to be judged by.
+    pub held_out: Vec<Log>,
+}
+
+/// One hidden effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Hidden {
+    /// The catalogue's entry; the name of an effect outside it.
+    pub entry: EffectEntry,
+    /// Names that these data cannot tell from it.
+    pub indistinguishable: Vec<String>,
+    /// Can anybody see it in these data?
+    pub detectability: Detectability,
+}
+
+/// What is true of a run. It goes into a file of its own that no workflow is shown.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SealedTruth {
+    /// Which run.
+    pub id: RunId,
+    /// The suite's seed.
+    pub seed: u64,
+    /// What is hidden, none where nothing is.
+    pub hidden: Vec<Hidden>,
+    /// The mechanism.
+    pub mechanism: String,
+    /// `rapier` or `runge_kutta`.
+    pub engine: String,
+    /// Its longest step, s.
+    pub step: f64,
+    /// Joints that move, those of the log.
+    pub joints: Vec<String>,
+    /// Range of each joint's motion in training, rad or m.
+    pub ranges: Vec<f64>,
+    /// Families of the training and the held-out trajectories.
+    pub families: [Vec<String>; 2],
+    /// Standard deviation of the noise on positions, rad or m, and on efforts, N m or N, by joint.
+    pub noise: [Vec<f64>; 2],
+    /// True damping and friction where the model knows of them, by joint.
+    pub known_losses: BTreeMap<String, [f64; 2]>,
+    /// RMS of the held-out prediction's error of the true mechanism started from its true states, pooled over joints in shares of
+    /// their ranges: what an oracle cannot beat but by luck.
+    pub oracle_gap: f64,
+}
+
+/// A run: what is given and what is true.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// For the workflow.
+    pub given: Given,
+    /// For the judge.
+    pub truth: SealedTruth,
+}
+
+/// Position noise, rad or m, and effort noise as a share of its range, by level.
+const NOISE: [[f64; 2]; 3] = [[2e-5, 0.001], [2e-4, 0.005], [1e-3, 0.02]];
+
+/// Draws a run. `arm` is the robot of [`RunKind::Arm`].
+///
+/// # Errors
+/// No draw stays within the joints' limits, or an arm's run is asked for without an arm.
+pub fn draw(id: &RunId, seed: u64, arm: Option<&ObjectModel>) -> Result<Scenario, EvaluationError> {
+    let mut last = String::from("nothing was tried");
+    for attempt in 0..24u64 {
+        let rng = Random::new(seed ^ number_of(&id.to_string()), &format!("scenario {attempt}"));
+        match attempt_at(id, seed, arm, rng) {
+            Ok(Some(scenario)) => return Ok(scenario),
+            Ok(None) => last = "it left the joints' limits, or stood still".into(),
+            Err(EvaluationError::Diverged { time }) => last = format!("the motion ran away at {time:.2} s"),
+            Err(other) => return Err(other),
+        }
+    }
+    Err(EvaluationError::NoScenario { id: id.to_string(), message: last })
+}
+
+/// One trajectory's plan.
+struct Plan {
+    family: Family,
+    references: Vec<Reference>,
+    time: Vec<f64>,
+}
+
+fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random) -> Result<Option<Scenario>, EvaluationError> {
+    let level = id.level.clamp(1, 3) - 1;
+    let names = choose_effects(id, &mut rng);
+    let telling = rng.chance(0.6);
+
+    // The mechanism.
+    let kinds: Vec<Kind> = match (id.kind, names.first()) {
+        (RunKind::Arm, _) => vec![Kind::Arm],
+        (_, None) => vec![Kind::Door, Kind::Drawer, Kind::OvenDoor, Kind::Pendulum, Kind::ServoLink, Kind::PlanarArm],
+        (RunKind::Outside, _) => vec![Kind::Door, Kind::Drawer, Kind::OvenDoor, Kind::Pendulum, Kind::ServoLink],
+        (_, Some(_)) => {
+            let all = priors::stages(names[0]).to_vec();
+            all.into_iter().filter(|k| names.iter().all(|n| priors::stages(n).contains(k))).collect()
+        }
+    };
+    let Some(kind) = rng.pick(&kinds) else { return Ok(None) };
+    let losses = if id.kind == RunKind::Clean && rng.chance(0.7) {
+        Losses { damping: Some(true), friction: Some(rng.chance(0.6)) }
+    } else {
+        priors::losses(&names)
+    };
+    let servo = names.iter().all(|n| priors::allows_servo(n)) && rng.chance(0.4);
+    let Some(mut stage) = Stage::draw(kind, losses, servo, arm, &mut rng) else {
+        return Err(EvaluationError::Model { message: "a run with an arm needs a model of one".into() });
+    };
+    if stage.driving == Driving::Hand && kind == Kind::Pendulum && names.iter().any(|n| priors::needs_command(n)) {
+        stage.driving = Driving::Torque;
+        let joint = stage.known.moving_joints().next().map(|j| stage.known.joints[j].name.clone()).unwrap_or_default();
+        let law = sagci_model::ActuatorLaw::Torque { max_effort: f64::INFINITY };
+        let drives = vec![sagci_model::Actuator { joint, law, refit: BTreeMap::new() }];
+        stage.known.document.actuators.clone_from(&drives);
+        stage.body.document.actuators = drives;
+    }
+    let moving: Vec<usize> = stage.known.moving_joints().collect();
+    let n = moving.len();
+
+    // How it is moved.
+    let mut families: Vec<Family> = Family::ALL.to_vec();
+    if matches!(stage.driving, Driving::Servo { .. }) || kind == Kind::Arm || kind == Kind::PlanarArm {
+        families.retain(|f| !matches!(f, Family::Pushes | Family::FreeDecay));
+    }
+    rng.shuffle(&mut families);
+    let mut wanted: Vec<Family> = Vec::new();
+    if telling {
+        for name in &names {
+            wanted.extend(priors::telling(name).iter().filter(|f| families.contains(f)));
+        }
+    }
+    wanted.push(Family::Ramp);
+    // The held-out family is one that training lacks.
+    let held_family = families.iter().copied().find(|f| !wanted.contains(f)).unwrap_or(Family::Sines);
+    wanted.extend(families.iter().copied().filter(|f| *f != held_family));
+    let mut seen: Vec<Family> = Vec::new();
+    for family in wanted {
+        if family != held_family && (seen.len() < 5) && !seen.contains(&family) {
+            seen.push(family);
+        }
+    }
+    rng.shuffle(&mut seen);
+    let rate = if rng.chance(0.6) { 200.0 } else { rng.pick(&[100.0, 125.0, 250.0, 400.0]).unwrap_or(200.0) };
+    let jitter = if rng.chance(0.3) { rng.between(0.05, 0.25) } else { 0.0 };
+    let missing = if rng.chance(0.3) { rng.scale(0.003, 0.03) } else { 0.0 };
+    let session = names.iter().any(|n| matches!(*n, "thermal_wear" | "sensor_drift")) || rng.chance(0.4);
+    let follow = if names.contains(&"joint_elasticity") || names.contains(&"unmodelled_mode") {
+        rng.between(3.0, 4.5)
+    } else {
+        rng.between(9.0, 16.0)
+    };
+    let duration = 40.0 / seen.len() as f64;
+    let mut start_of = 0.0;
+    let plan = |family: Family, duration: f64, from: &mut f64, rng: &mut Random| {
+        let references = stage.range.iter().map(|r| Reference::draw(family, *r, duration, follow, rng)).collect();
+        let dt = 1.0 / rate;
+        let count = (duration * rate).round() as usize + 1;
+        let mut time: Vec<f64> =
+            (0..count).map(|k| k as f64 * dt + if k > 0 { jitter * dt * rng.between(-0.5, 0.5) } else { 0.0 }).collect();
+        // A sample that was never taken: its input lasts until the next.
+        let mut k = 0;
+        time.retain(|_| {
+            k += 1;
+            k <= 2 || !rng.chance(missing)
+        });
+        time.iter_mut().for_each(|t| *t += *from);
+        if session {
+            *from += duration + 1.0;
+        }
+        Plan { family, references, time }
+    };
+    let train: Vec<Plan> = seen.iter().map(|f| plan(*f, duration, &mut start_of, &mut rng)).collect();
+    let session_length = if session { start_of } else { duration };
+    start_of = 0.0;
+    let held: Vec<Plan> = (0..2).map(|_| plan(held_family, 6.0, &mut start_of, &mut rng)).collect();
+
+    // What the mechanism does without the effect, and an effect of a size to match.
+    let known_gravity = Rigid::new(&stage.known)?;
+    let mut bare = RungeKutta::new(Mechanism::new(&stage.body, &[])?, if kind == Kind::Arm { 4e-3 } else { 1e-3 })?;
+    let mut scales = Vec::new();
+    {
+        let runs: Vec<Run> = train.iter().map(|p| drive(&mut bare, p, &stage, &known_gravity)).collect::<Result<_, _>>()?;
+        let mass = known_gravity.at(&vec![0.0; n], &vec![0.0; n]).0;
+        for j in 0..n {
+            let root = |x: &dyn Fn(&Run, usize) -> f64| {
+                let all: Vec<f64> = runs.iter().flat_map(|r| (0..r.time.len()).map(move |k| (r, k))).map(|(r, k)| x(r, k)).collect();
+                let mut sizes: Vec<f64> = all.iter().map(|x| x.abs()).collect();
+                sizes.sort_by(f64::total_cmp);
+                let most = sizes.get(sizes.len() * 49 / 50).copied().unwrap_or(0.0);
+                ((all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt(), most)
+            };
+            let (effort, most) = root(&|r, k| r.delivered[k][j]);
+            let (velocity, _) = root(&|r, k| r.v[k][j]);
+            let (low, high) = extent(&runs, j);
+            let child = &stage.known.links[stage.known.joints[moving[j]].child].inertial;
+            let joint = &stage.known.joints[moving[j]];
+            scales.push(Scale {
+                effort,
+                most,
+                velocity: velocity.max(1e-6),
+                range: [low, high],
+                inertia: mass[(j, j)],
+                mass: child.mass.max(0.05),
+                length: child.p_LoLcm.coords.norm().max(0.03) * 1.6,
+                turns: joint.kind != JointKind::Prismatic,
+                axis: joint.axis.into_inner().into(),
+                session: session_length,
+            });
+        }
+        if scales.iter().any(|s| s.effort <= 0.0 || s.range[1] - s.range[0] < 1e-3) {
+            return Ok(None);
+        }
+    }
+    let joint_of = |name: &str, rng: &mut Random| -> usize {
+        match name {
+            // What an axis is off by shows where gravity pulls across it, so on any joint of a plane.
+            _ if n == 1 => 0,
+            "payload" => n - 1 - rng.index(2.min(n)),
+            _ => rng.index(n),
+        }
+    };
+    let mut entries: Vec<EffectEntry> = Vec::new();
+    let mut joints: Vec<usize> = Vec::new();
+    let mut outside = None;
+    for name in &names {
+        let j = if joints.is_empty() { joint_of(name, &mut rng) } else { joints[0] };
+        let joint = &stage.known.joints[moving[j]].name;
+        if OUTSIDE.contains(name) {
+            let Some((term, numbers)) = priors::draw_outside(name, &scales[j], &mut rng) else { return Ok(None) };
+            outside = Some((j, term));
+            entries.push(EffectEntry { effect: (*name).into(), joint: Some(joint.clone()), parameters: numbers, ..EffectEntry::default() });
+        } else {
+            let Some(entry) = priors::draw(name, joint, &scales[j], level, &mut rng) else { return Ok(None) };
+            entries.push(entry);
+        }
+        joints.push(j);
+    }
+
+    // The true motion.
+    let make = |entries: &[EffectEntry]| -> Result<Mechanism, EvaluationError> {
+        let mut mechanism = Mechanism::new(&stage.body, entries)?;
+        if let Some((j, term)) = &outside {
+            mechanism.joints[*j].terms.push(term.clone());
+        }
+        Ok(mechanism)
+    };
+    let inside_catalogue: Vec<EffectEntry> = entries.iter().filter(|e| CATALOGUE.contains(&e.effect.as_str())).cloned().collect();
+    let by_rapier = rng.chance(0.6);
+    const STIFF: [&str; 5] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "loose_mass"];
+    let stiff = names.iter().any(|n| STIFF.contains(n));
+    let step = match (kind, by_rapier) {
+        _ if stiff => rng.between(1.2e-4, 2e-4),
+        (Kind::Arm, true) => 5e-4,
+        (Kind::Arm, false) => 2e-3,
+        (_, true) => rng.between(2e-4, 4e-4),
+        (_, false) => rng.between(2e-4, 5e-4),
+    };
+    let mut plant: Box<dyn Plant> = if by_rapier {
+        Box::new(Rapier::new(make(&inside_catalogue)?, step)?)
+    } else {
+        Box::new(RungeKutta::new(make(&inside_catalogue)?, step)?)
+    };
+    let run_all = |plans: &[Plan], plant: &mut dyn Plant| -> Result<Vec<Run>, EvaluationError> {
+        plans.iter().map(|p| drive(plant, p, &stage, &known_gravity)).collect()
+    };
+    let train_runs = run_all(&train, plant.as_mut())?;
+    let held_runs = run_all(&held, plant.as_mut())?;
+    for (j, &joint) in moving.iter().enumerate() {
+        let limits = stage.known.joints[joint].limits;
+        let all: Vec<f64> = train_runs.iter().chain(&held_runs).flat_map(|r| r.q.iter().chain(&r.position)).map(|q| q[j]).collect();
+        if all.iter().any(|&q| q <= limits.lower + 0.01 || q >= limits.upper - 0.01) {
+            return Ok(None);
+        }
+    }
+
+    // What the sensors make of it.
+    let ranges: Vec<f64> = (0..n).map(|j| extent(&train_runs, j)).map(|(low, high)| high - low).collect();
+    let position_noise: Vec<f64> =
+        moving.iter().map(|&j| NOISE[level][0] * if stage.known.joints[j].kind == JointKind::Prismatic { 0.4 } else { 1.0 }).collect();
+    let effort_noise: Vec<f64> = (0..n)
+        .map(|j| {
+            let most = train_runs.iter().flat_map(|r| &r.delivered).fold([f64::MAX, f64::MIN], |m, u| [m[0].min(u[j]), m[1].max(u[j])]);
+            NOISE[level][1] * (most[1] - most[0])
+        })
+        .collect();
+    let sensors: Vec<crate::effect::JointPhysics> = plant.mechanism().joints[plant.mechanism().base..].to_vec();
+    let observe = Observe {
+        stage: &stage,
+        moving: &moving,
+        noise: [&position_noise, &effort_noise],
+        with_velocity: rng.chance(0.35),
+        with_effort: stage.driving != Driving::Hand
+            && (rng.chance(0.25) || entries.iter().any(|e| e.choices.get("of").is_some_and(|w| w == "effort"))),
+        sensors: &sensors,
+    };
+    let log = |runs: &[Run], word: &str, rng: &mut Random| -> Vec<Log> {
+        runs.iter().enumerate().map(|(i, r)| observe.log(r, &format!("{word}_{}", i + 1), session && i > 0, rng)).collect()
+    };
+    let given =
+        Given { model: stage.known.clone(), train: log(&train_runs, "train", &mut rng), held_out: log(&held_runs, "held_out", &mut rng) };
+
+    // What can be known.
+    let gravity = kind.feels_gravity();
+    let mut hidden = Vec::new();
+    for (k, entry) in entries.iter().enumerate() {
+        let j = joints[k];
+        let slow = entry.parameters.get("stribeck_velocity").map_or(1.0, |vs| slow_share(&train_runs, j, *vs));
+        let at = Circumstances { joints: n, turns: scales[j].turns, range: ranges[j], gravity, slow };
+        let others: Vec<EffectEntry> = inside_catalogue.iter().filter(|e| e.effect != entry.effect).cloned().collect();
+        let problem = oracle::Problem {
+            body: &stage.body,
+            others: &others,
+            entry: &entry.effect,
+            joint: j,
+            scale: (scales[j].effort, scales[j].velocity, scales[j].range),
+            runs: &train_runs,
+            readings: [&position_noise, &effort_noise],
+            effort_is_measured: stage.driving == Driving::Hand,
+            known: &stage.known,
+        };
+        hidden.push(Hidden {
+            entry: entry.clone(),
+            indistinguishable: indistinguishable(entry, &at).into_iter().map(str::to_owned).collect(),
+            detectability: oracle::detect(&problem)?,
+        });
+    }
+    let oracle_gap = {
+        let mut truth = RungeKutta::new(make(&inside_catalogue)?, if kind == Kind::Arm { 4e-3 } else { 1e-3 })?;
+        oracle::gap(&mut truth, &held_runs, &given.held_out, &moving, &stage.known, &ranges, stage.driving == Driving::Hand)
+    };
+    let word = |plans: &[Plan]| plans.iter().map(|p| p.family.word().to_owned()).collect();
+    let truth = SealedTruth {
+        id: id.clone(),
+        seed,
+        hidden,
+        mechanism: kind.word().into(),
+        engine: if by_rapier { "rapier" } else { "runge_kutta" }.into(),
+        step,
+        joints: moving.iter().map(|&j| stage.known.joints[j].name.clone()).collect(),
+        ranges,
+        families: [word(&train), word(&held)],
+        noise: [position_noise.clone(), effort_noise.clone()],
+        known_losses: moving.iter().map(|&j| &stage.body.joints[j]).map(|j| (j.name.clone(), [j.damping, j.friction])).collect(),
+        oracle_gap,
+    };
+    Ok(Some(Scenario { given, truth }))
+}
+
+fn extent(runs: &[Run], j: usize) -> (f64, f64) {
+    runs.iter().flat_map(|r| &r.q).fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q[j]), high.max(q[j])))
+}
+
+/// Share of the moving samples below twice a velocity.
+fn slow_share(runs: &[Run], j: usize, velocity: f64) -> f64 {
+    let speeds: Vec<f64> = runs.iter().flat_map(|r| &r.v).map(|v| v[j].abs()).filter(|v| *v > 1e-6).collect();
+    speeds.iter().filter(|v| **v < 2.0 * velocity).count() as f64 / speeds.len().max(1) as f64
+}
+
+/// The effects of a run.
+fn choose_effects(id: &RunId, rng: &mut Random) -> Vec<&'static str> {
+    let named = CATALOGUE.iter().chain(&OUTSIDE).copied().find(|n| *n == id.effect);
+    match id.kind {
+        RunKind::Clean => Vec::new(),
+        RunKind::Single | RunKind::Outside => named.into_iter().collect(),
+        RunKind::Arm => named.or_else(|| rng.pick(&priors::ON_AN_ARM)).into_iter().collect(),
+        RunKind::Double | RunKind::Triple => {
+            let count = if id.kind == RunKind::Double { 2 } else { 3 };
+            loop {
+                let mut names: Vec<&'static str> = Vec::new();
+                for _ in 0..60 {
+                    let Some(name) = rng.pick(&CATALOGUE) else { break };
+                    if compatible(name, &names) {
+                        names.push(name);
+                    }
+                    if names.len() == count {
+                        return names;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// May this effect join these? Not where one is a special case of the other, or one column of both cannot be split.
+fn compatible(name: &str, with: &[&str]) -> bool {
+    const GROUPS: [&[&str]; 7] = [
+        &[
+            "coulomb_friction",
+            "asymmetric_friction",
+            "stribeck_friction",
+            "presliding_hysteresis",
+            "load_dependent_friction",
+            "position_dependent_friction",
+            "cable_hysteresis",
+            "thermal_wear",
+        ],
+        &["viscous_friction", "asymmetric_friction", "cable_hysteresis", "thermal_wear"],
+        &["joint_spring", "hinge_tilt", "torque_bias", "cable_hysteresis", "encoder_offset", "joint_axis_error", "sensor_drift", "payload"],
+        &["transport_delay", "clock_skew", "actuator_lag", "joint_elasticity", "backlash", "unmodelled_mode"],
+        &["armature_inertia", "torque_gain", "payload", "joint_elasticity", "backlash"],
+        &["magnetic_gasket", "air_suction", "latch", "soft_close_damper", "detent", "hard_stop"],
+        &["encoder_offset", "clock_skew", "sensor_drift"],
+    ];
+    let clash = |a: &str, b: &str| a == b || GROUPS.iter().any(|g| g.contains(&a) && g.contains(&b));
+    let shared = |names: &[&str]| priors::stages(names[0]).iter().any(|k| names.iter().all(|n| priors::stages(n).contains(k)));
+    let together: Vec<&str> = with.iter().copied().chain([name]).collect();
+    with.iter().all(|w| !clash(w, name)) && shared(&together)
+}
+
+/// Carries out a plan.
+fn drive(plant: &mut dyn Plant, plan: &Plan, stage: &Stage, known: &Rigid) -> Result<Run, EvaluationError> {
+    let from = plan.time.first().copied().unwrap_or(0.0);
+    let start: Vec<f64> = plan.references.iter().map(Reference::start).collect();
+    let still = vec![0.0; start.len()];
+    let mass = known.at(&start, &still).0;
+    let mut input = |_: usize, t: f64, q: &[f64], v: &[f64]| -> Vec<Hold> {
+        let gravity = known.gravity(q);
+        plan.references
+            .iter()
+            .enumerate()
+            .map(|(j, r)| match stage.driving {
+                Driving::Servo { stiffness, damping } => Hold::Servo { stiffness, damping, target: r.at(t - from).r },
+                Driving::Hand | Driving::Torque => {
+                    let weight = if r.lets_go() { 0.0 } else { gravity[j] };
+                    Hold::Effort(weight + mass[(j, j)] * r.wanted(t - from, q[j], v[j]))
+                }
+            })
+            .collect()
+    };
+    simulate(plant, &plan.time, &[], (&start, &still), &mut input)
+}
+
+/// What the sensors write down.
+struct Observe<'a> {
+    stage: &'a Stage,
+    moving: &'a [usize],
+    noise: [&'a [f64]; 2],
+    with_velocity: bool,
+    with_effort: bool,
+    sensors: &'a [crate::effect::JointPhysics],
+}
+
+impl Observe<'_> {
+    fn log(&self, run: &Run, source: &str, continues: bool, rng: &mut Random) -> Log {
+        let mut joints = Vec::new();
+        for (j, &joint) in self.moving.iter().enumerate() {
+            let noisy = |value: f64, size: f64, rng: &mut Random| value + size * rng.normal();
+            let all = |value: Vec<f64>| Series { time: run.time.clone(), value };
+            let position = all(run.position.iter().map(|p| noisy(p[j], self.noise[0][j], rng)).collect());
+            // Velocities as drives give them: differences of a fine encoder, filtered; about thirty times the position's noise a second.
+            let velocity =
+                self.with_velocity.then(|| all(run.velocity.iter().map(|v| noisy(v[j], 30.0 * self.noise[0][j], rng)).collect()));
+            let [bias, rate] = self.sensors[j].sensor.effort_drift;
+            let hand = self.stage.driving == Driving::Hand;
+            let effort = (hand || self.with_effort).then(|| {
+                let value = (0..run.time.len()).map(|k| noisy(run.delivered[k][j], self.noise[1][j], rng) + bias + rate * run.time[k]);
+                all(value.collect())
+            });
+            let value = |k: usize| match run.hold[k][j] {
+                Hold::Effort(u) => u,
+                Hold::Servo { target, .. } => target,
+            };
+            let command = match self.stage.driving {
+                Driving::Hand => None,
+                Driving::Torque => Some((CommandKind::Effort, all((0..run.time.len()).map(value).collect()))),
+                Driving::Servo { .. } => Some((CommandKind::Position, all((0..run.time.len()).map(value).collect()))),
+            };
+            joints.push(JointLog { name: self.stage.known.joints[joint].name.clone(), position, velocity, effort, command });
+        }
+        let mut log =
+            Log { source: format!("{source}.csv"), hash: String::new(), joints, wrenches: Vec::new(), notes: Vec::new(), continues };
+        let digest = Sha256::digest(to_csv(&log).as_bytes());
+        log.hash = digest.iter().map(|b| format!("{b:02x}")).collect();
+        log
+    }
+}
+
+/// A log as the CSV that the reader of recordings takes: `time,JOINT.position,...`; a value that is missing is left empty.
+pub fn to_csv(log: &Log) -> String {
+    use std::fmt::Write;
+    let mut columns: Vec<(String, &Series)> = Vec::new();
+    for joint in &log.joints {
+        columns.push((format!("{}.position", joint.name), &joint.position));
+        columns.extend(joint.velocity.as_ref().map(|s| (format!("{}.velocity", joint.name), s)));
+        columns.extend(joint.effort.as_ref().map(|s| (format!("{}.effort", joint.name), s)));
+        columns.extend(joint.command.as_ref().map(|(kind, s)| {
+            let word = match kind {
+                CommandKind::Effort => "effort",
+                CommandKind::Position => "position",
+                CommandKind::Voltage => "voltage",
+            };
+            (format!("{}.command_{word}", joint.name), s)
+        }));
+    }
+    let mut times: Vec<f64> = columns.iter().flat_map(|(_, s)| s.time.iter().copied()).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    let mut text = String::from("time");
+    for (name, _) in &columns {
+        let _ = write!(text, ",{name}");
+    }
+    text.push('\n');
+    let mut next = vec![0; columns.len()];
+    for t in times {
+        let _ = write!(text, "{t}");
+        for (k, (_, series)) in columns.iter().enumerate() {
+            text.push(',');
+            if series.time.get(next[k]) == Some(&t) {
+                let _ = write!(text, "{:e}", series.value[next[k]]);
+                next[k] += 1;
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
