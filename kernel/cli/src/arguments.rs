@@ -28,6 +28,9 @@ pub enum Command {
     Gap(Gap),
     /// Predict measured motion over windows of time, sample by sample.
     Simulate(Simulate),
+    /// Try a part of the system on many cases whose truth is sealed, and print how often it is right.
+    #[command(subcommand)]
+    Evaluate(Evaluate),
     /// The library of object models.
     #[command(subcommand)]
     Models(Models),
@@ -135,6 +138,41 @@ pub struct Simulate {
     /// Where things are.
     #[command(flatten)]
     pub places: Places,
+}
+
+/// `sagci evaluate`.
+#[derive(Debug, Subcommand)]
+pub enum Evaluate {
+    /// Effects hidden in mechanisms of other engines, to be named.
+    Gap {
+        /// How many.
+        #[arg(long, value_enum, default_value_t = Suite::Slice)]
+        suite: Suite,
+        /// Everything is drawn from it.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Only runs whose name begins so, such as `single/joint_spring`.
+        #[arg(long, default_value = "")]
+        only: String,
+        /// Folder for the answers; a run that is answered there is not asked again.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// How to print the result.
+        #[arg(long, value_enum, default_value_t = Format::Text)]
+        format: Format,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
+    },
+}
+
+/// How many cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Suite {
+    /// A few of everything.
+    Slice,
+    /// As many as the targets need.
+    Full,
 }
 
 /// What angles are measured in.

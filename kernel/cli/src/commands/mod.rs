@@ -2,6 +2,7 @@
 
 mod check;
 mod doctor;
+mod evaluate;
 mod gap;
 mod models;
 mod replay;
@@ -19,6 +20,7 @@ pub fn execute(arguments: Arguments) -> Result<bool, CliError> {
         Command::Check { script, places } => check::check(&script, &places),
         Command::Gap(gap) => gap::gap(&gap),
         Command::Simulate(simulate) => simulate::simulate(&simulate),
+        Command::Evaluate(command) => evaluate::evaluate(&command),
         Command::Models(command) => models::models(&command),
         Command::Skills(command) => skills::skills(&command),
         Command::Replay { recording, .. } => replay::replay(&recording),

@@ -1,0 +1,36 @@
+use sagci_evaluation as evaluation;
+
+use crate::arguments::{Evaluate, Format, Suite};
+use crate::commands::print;
+use crate::error::CliError;
+use crate::place;
+
+/// `sagci evaluate`.
+pub fn evaluate(command: &Evaluate) -> Result<bool, CliError> {
+    let Evaluate::Gap { suite, seed, only, out, format, places } = command;
+    let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
+    let arm = place::library(places, None).ok().and_then(|l| l.get("panda").ok()).map(|stored| stored.model.as_ref().clone());
+    let options = evaluation::Options {
+        suite: match suite {
+            Suite::Slice => evaluation::Suite::Slice,
+            Suite::Full => evaluation::Suite::Full,
+        },
+        seed: *seed,
+        only: only.clone(),
+        out: out.clone(),
+        sealed: None,
+        data: None,
+        arm,
+    };
+    let workflow = |given: &evaluation::Given| {
+        let found = sagci_gap::find(&given.model, &given.train, &given.held_out, &sagci_gap::Options::default());
+        serde_json::to_value(found.map_err(|e| e.to_string())?.report).map_err(|e| e.to_string())
+    };
+    let judged = evaluation::run(&options, &workflow, &|line| eprintln!("{line}")).map_err(|e| other(&e))?;
+    let table = evaluation::table(&judged);
+    match format {
+        Format::Text => print(&table.to_text()),
+        Format::Json => print(&(serde_json::to_string_pretty(&table).map_err(|e| other(&e))? + "\n")),
+    }
+    Ok(true)
+}
