@@ -61,6 +61,8 @@ pub(crate) struct Problem<'a> {
     pub readings: [&'a [f64]; 2],
     pub effort_is_measured: bool,
     pub known: &'a ObjectModel,
+    /// Bias and rate of each joint's measured effort.
+    pub effort_drift: &'a [[f64; 2]],
 }
 
 /// Simpler effects, or those most like it.
@@ -155,8 +157,9 @@ fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(Window, f64)]) -> 
         let run = &problem.runs[r];
         let time = &run.time[from..to];
         let back = from.saturating_sub(40);
+        let measured = |k: usize, j: usize| run.delivered[k][j] + problem.effort_drift[j][0] + problem.effort_drift[j][1] * run.time[k];
         let held = |k: usize| -> Vec<Hold> {
-            (0..n).map(|j| if problem.effort_is_measured { Hold::Effort(run.delivered[k][j]) } else { run.hold[k][j] }).collect()
+            (0..n).map(|j| if problem.effort_is_measured { Hold::Effort(measured(k, j)) } else { run.hold[k][j] }).collect()
         };
         let before: Vec<(f64, Vec<Hold>)> = (back..from).map(|k| (run.time[k], held(k))).collect();
         let mut input = |k: usize, _: f64, _: &[f64], _: &[f64]| held(from + k);
@@ -179,6 +182,13 @@ fn errors(problem: &Problem, plant: &mut RungeKutta, over: &[(Window, f64)]) -> 
 /// # Errors
 /// A mechanism that cannot be simulated.
 pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError> {
+    let drift = problem.effort_drift[problem.joint];
+    if problem.entry == "sensor_drift" && !problem.effort_is_measured && drift != [0.0; 2] {
+        // What is commanded is known: the measured effort departs from it by the drift alone.
+        let square: f64 = problem.runs.iter().flat_map(|r| &r.time).map(|t| (drift[0] + drift[1] * t).powi(2)).sum();
+        let snr = square.sqrt() / problem.readings[1][problem.joint];
+        return Ok(Detectability { rms: 0.0, snr, snr_beyond_neighbours: snr });
+    }
     let all = windows(problem.runs);
     let n = problem.readings[0].len();
     const STIFF: [&str; 6] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "unmodelled_mode", "actuator_lag"];

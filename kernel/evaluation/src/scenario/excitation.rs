@@ -120,7 +120,16 @@ impl Reference {
         Self { family, low, high, list, duration, pace, phase: rng.between(0.0, TAU), follow }
     }
 
+    /// Where it should be. What swings about the middle begins there and at rest, so that no start asks for a jerk.
     fn place(&self, t: f64) -> f64 {
+        let center = (self.low + self.high) / 2.0;
+        match self.family {
+            Family::Sines | Family::Chirp | Family::Ladder => center + smooth(t / 1.2) * (self.path(t) - center),
+            _ => self.path(t),
+        }
+    }
+
+    fn path(&self, t: f64) -> f64 {
         let (center, size) = ((self.low + self.high) / 2.0, self.high - self.low);
         match self.family {
             Family::Ramp => {
@@ -152,13 +161,13 @@ impl Reference {
                 let k = self.list.partition_point(|[at, _]| *at <= t).max(1) - 1;
                 let before = self.list[k.saturating_sub(1)][1];
                 let [at, level] = self.list[k];
-                before + (level - before) * smooth((t - at) / 0.12)
+                before + (level - before) * smooth((t - at) / 0.25)
             }
             Family::Ladder => {
                 let rungs = 9.0;
                 let rung = (t / self.duration * rungs).floor();
                 let amplitude = size / 900.0 * 2f64.powf(rung);
-                center + amplitude.min(0.48 * size) * (TAU * self.pace * t + self.phase).sin()
+                center + amplitude.min(0.35 * size) * (TAU * self.pace * t + self.phase).sin()
             }
             Family::Dwell => {
                 // Stands at the low end for 0.4, 0.8, 1.6, ... s; then to a third of the range and back within 0.8 s.
@@ -210,7 +219,7 @@ impl Reference {
                 push + toward + wall
             }
             None => {
-                let limit = 120.0 * (self.high - self.low);
+                let limit = 50.0 * (self.high - self.low);
                 self.follow * self.follow * (asked.r - q) + 1.6 * self.follow * (asked.v - v) + asked.a.clamp(-limit, limit)
             }
         }

@@ -334,7 +334,7 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         _ if stiff => rng.between(1.2e-4, 2e-4),
         (Kind::Arm, true) => 5e-4,
         (Kind::Arm, false) => 2e-3,
-        (_, true) => rng.between(2e-4, 4e-4),
+        (_, true) => rng.between(2.5e-4, 5e-4),
         (_, false) => rng.between(2e-4, 5e-4),
     };
     let mut plant: Box<dyn Plant> = if by_rapier {
@@ -383,6 +383,7 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
 
     // What can be known.
     let gravity = kind.feels_gravity();
+    let drifts: Vec<[f64; 2]> = sensors.iter().map(|s| s.sensor.effort_drift).collect();
     let mut hidden = Vec::new();
     for (k, entry) in entries.iter().enumerate() {
         let j = joints[k];
@@ -399,6 +400,7 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
             readings: [&position_noise, &effort_noise],
             effort_is_measured: stage.driving == Driving::Hand,
             known: &stage.known,
+            effort_drift: &drifts,
         };
         hidden.push(Hidden {
             entry: entry.clone(),

@@ -208,7 +208,7 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, level: usize, rng: &m
         }
         "hard_stop" => {
             let side = rng.sign();
-            let position = if side > 0.0 { inside(rng, 0.78, 0.93) } else { inside(rng, 0.07, 0.22) };
+            let position = if side > 0.0 { inside(rng, 0.65, 0.88) } else { inside(rng, 0.1, 0.3) };
             let stiffness = scale.inertia * rng.scale(60.0, 300.0).powi(2);
             vec![
                 ("stiffness", stiffness),

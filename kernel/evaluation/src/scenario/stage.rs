@@ -28,7 +28,7 @@ impl Kind {
     pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Door => "door",
-            Self::Drawer => "drawer",
+            Self::Drawer => "tray",
             Self::OvenDoor => "oven_door",
             Self::Pendulum => "pendulum",
             Self::ServoLink => "servo_link",
@@ -135,9 +135,9 @@ impl Stage {
             }
             Kind::Drawer => {
                 let (m, range) = (round(rng.scale(0.8, 8.0)), [0.0, rng.between(0.25, 0.5)]);
-                let part = link("drawer", m, [0.0, -0.15, 0.05], [0.4, 0.4, 0.15]);
+                let part = link("tray", m, [0.0, -0.15, 0.05], [0.4, 0.4, 0.15]);
                 let slide = joint("drawer_slide", JointKind::Prismatic, 0, at(0.0, -0.01, 0.09), -Vector3::y(), range, 0.1);
-                (model("drawer", vec![base(), part], vec![slide]), vec![range])
+                (model("tray", vec![base(), part], vec![slide]), vec![range])
             }
             Kind::OvenDoor => {
                 let (m, h) = (round(rng.between(1.5, 6.0)), round(rng.between(0.3, 0.5)));
