@@ -17,7 +17,7 @@ use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Re
 use crate::response::Response;
 use crate::search::{Candidate, Search, entries};
 use crate::trajectory::Trajectory;
-use crate::windows::{Figures, Smoothed, likely_noise};
+use crate::windows::{ANY, Figures, Smoothed, likely_noise};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -59,6 +59,8 @@ const CONVINCING: f64 = 6.0;
 const ALIKE: f64 = 3.0;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
+/// Half a fall of squared errors, in units of their noise, that is no chance.
+const SEEN: f64 = 3.0;
 /// Longest step of the last fits and of predictions, s.
 pub(crate) const FINE: f64 = 1e-3;
 /// Share of the lacking force below which nobody minds that it has no name.
@@ -96,6 +98,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let mut chosen: Vec<Choice> = Vec::new();
     let mut lost: Vec<Candidate> = Vec::new();
     let mut nameless_won = false;
+    let mut contradicted: Vec<Reason> = Vec::new();
     while chosen.len() < MOST {
         say(&format!("looking for {} missing effect", if chosen.is_empty() { "a" } else { "another" }));
         let mut candidates = search.stage(&current, scale)?;
@@ -116,15 +119,16 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         scale = next;
         search.rank(&mut candidates, scale);
         let here = search.evidence(&current, scale);
+        // What held-out data contradict is not there, however well it fits.
+        while let Some(unseen) =
+            candidates.first().filter(|c| c.evidence - here > CONVINCING).and_then(|c| search.unseen_of(&c.fit, &current, &unseen, scale))
+            && unseen.contradicts()
+        {
+            contradicted.push(unseen.reason(candidates.remove(0).effect));
+        }
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
-        if std::env::var("GAP_DEBUG").is_ok() {
-            eprintln!("noise {:?} scale {scale} base sse/n {} measured {}", search.noise, current.squares / search.problem.measured() as f64, search.problem.measured());
-            for c in &candidates {
-                eprintln!("   {:28} {:.1} sse/n {:.4} {:?}", c.effect, c.evidence - here, c.fit.squares / search.problem.measured() as f64, c.fit.hypothesis.fitted.iter().zip(&c.fit.hypothesis.x).map(|(f, x)| format!("{:?}={:.4}", f.knob, f.value(*x))).collect::<Vec<_>>());
-            }
-        }
         let nameless = search.nameless(&current, scale)?;
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
         if gain < CONVINCING {
@@ -186,10 +190,28 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     current = restart(&current)?;
     let refitted = if chosen.is_empty() { current.clone() } else { restart(&base)? };
     scale = search.scale(&current);
-    let remainder = search.nameless(&current, scale)?;
 
-    // Data that no fit has seen.
-    let confirmed: Vec<(Option<f64>, bool)> = search.on_unseen(&current, &refitted, &unseen, scale)?;
+    // Data that no fit has seen. What they contradict is not there.
+    let mut confirmed: Vec<Unseen> = Vec::new();
+    while !unseen.is_empty() && !chosen.is_empty() {
+        confirmed = search.on_unseen(&current, &refitted, &unseen, scale)?;
+        let Some(worst) =
+            (0..confirmed.len()).filter(|i| confirmed[*i].contradicts()).min_by(|a, b| confirmed[*a].fall.total_cmp(&confirmed[*b].fall))
+        else {
+            break;
+        };
+        let all = entries(&current.hypothesis);
+        let gone = chosen.remove(worst);
+        contradicted.push(confirmed[worst].reason(gone.best.effect));
+        current = if chosen.is_empty() {
+            refitted.clone()
+        } else {
+            search.refit(&Fit::start(&search.problem, current.hypothesis.without(all[worst]))?, scale)?
+        };
+        scale = search.scale(&current);
+        confirmed.clear();
+    }
+    let remainder = search.nameless(&current, scale)?;
 
     let covariance = current.covariance(scale);
     let lacking: f64 = search.explained_force(&current, &refitted)?;
@@ -197,7 +219,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let final_entries = entries(&current.hypothesis);
     for (i, choice) in chosen.iter().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
-        let (held_out, agrees) = confirmed.get(i).copied().unwrap_or((None, false));
+        let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.fall > SEEN));
         effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
     }
 
@@ -233,7 +255,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
         });
     }
-    let rejected = lost
+    let mut rejected: Vec<Reason> = lost
         .iter()
         .take(5)
         .map(|c| Reason {
@@ -241,6 +263,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             reason: format!("evidence e^{:.1} against the model without it", c.evidence - search_evidence(&lost, c)),
         })
         .collect();
+    rejected.extend(contradicted);
     let report = Report {
         schema: SCHEMA,
         verdict,
@@ -282,6 +305,27 @@ fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>)
         train.iter().enumerate().filter(|(i, _)| !aside(*i)).map(|(_, l)| l).collect(),
         train.iter().enumerate().filter(|(i, _)| aside(*i)).map(|(_, l)| l).collect(),
     )
+}
+
+/// What unseen data say of an effect, in units of their noise.
+#[derive(Debug, Clone, Copy)]
+struct Unseen {
+    /// Half the fall of the squared errors.
+    fall: f64,
+    /// The same if the effect is just as it was fitted.
+    expected: f64,
+}
+
+impl Unseen {
+    /// They would show it, and they do not.
+    fn contradicts(&self) -> bool {
+        self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
+    }
+
+    fn reason(&self, name: &str) -> Reason {
+        let reason = format!("held-out data, in which it would show, speak against it (half the squared errors rise by {:.1})", -self.fall);
+        Reason { name: name.into(), reason }
+    }
 }
 
 /// An effect that was chosen, and what it was chosen among.
@@ -326,7 +370,7 @@ impl<'a> Search<'a> {
     /// The noise under which a fit's errors are most likely, if that is not the one assumed.
     fn likelier_noise(&self, fit: &Fit) -> Result<Option<crate::observer::Noise>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise, MOST_NOISE)?;
+        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise, [1.0, MOST_NOISE])?;
         Ok((noise != self.noise).then_some(noise))
     }
 
@@ -341,7 +385,7 @@ impl<'a> Search<'a> {
         let typical = self.typical_force();
         let all: Vec<(usize, Nameless)> = (0..self.names.len())
             .into_par_iter()
-            .filter_map(|j| Some((j, flexible::nameless(&Response::new(self, fit, &runs, j), scale, typical[j])?)))
+            .filter_map(|j| Some((j, flexible::nameless(&Response::new(self, fit, &runs, j, scale), scale, typical[j])?)))
             .collect();
         Ok(all.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
     }
@@ -372,14 +416,8 @@ impl<'a> Search<'a> {
     }
 
     /// For each effect: how much better it makes unseen data (half the fall of the squared errors), and whether that confirms it.
-    fn on_unseen(&self, current: &Fit, base: &Fit, unseen: &[Trajectory], scale: f64) -> Result<Vec<(Option<f64>, bool)>, GapError> {
+    fn on_unseen(&self, current: &Fit, base: &Fit, unseen: &[Trajectory], scale: f64) -> Result<Vec<Unseen>, GapError> {
         let all = entries(&current.hypothesis);
-        if unseen.is_empty() {
-            return Ok(vec![(None, false); all.len()]);
-        }
-        let problem = Problem::new(unseen, &self.noise, &self.problem.limits, self.problem.step);
-        let squares = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).map_or(f64::INFINITY, |e| e.norm_squared());
-        let with = squares(current);
         all.par_iter()
             .map(|entry| {
                 let less = if all.len() == 1 {
@@ -387,10 +425,19 @@ impl<'a> Search<'a> {
                 } else {
                     self.refit(&Fit::start(&self.problem, current.hypothesis.without(*entry))?, scale)?
                 };
-                let fall = 0.5 * (squares(&less) - with) / (scale * scale);
-                Ok((Some(fall.min(1e12)), fall > 3.0))
+                Ok(self.unseen_of(current, &less, unseen, scale).unwrap_or(Unseen { fall: 0.0, expected: 0.0 }))
             })
             .collect()
+    }
+
+    /// What unseen data say of one fit against another; none where there are no such data, or where one cannot follow them.
+    fn unseen_of(&self, with: &Fit, without: &Fit, unseen: &[Trajectory], scale: f64) -> Option<Unseen> {
+        let problem = Problem::new(unseen, &self.noise, &self.problem.limits, self.problem.step);
+        let errors = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).ok();
+        let (with, without) = (errors(with)?, errors(without)?);
+        let weight = 0.5 / (scale * scale);
+        let fall = weight * (without.norm_squared() - with.norm_squared());
+        (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * (without - with).norm_squared() })
     }
 
     /// RMS of what the effects change of the force, over all joints.
@@ -398,9 +445,9 @@ impl<'a> Search<'a> {
         let (a, b) = (self.runs(current)?, self.runs(base)?);
         let mut most: f64 = 0.0;
         for j in 0..self.names.len() {
-            let response = Response::new(self, base, &b, j);
+            let response = Response::new(self, base, &b, j, 1.0);
             let before = response.lacking(&base.errors);
-            let after = Response::new(self, current, &a, j).lacking(&current.errors);
+            let after = Response::new(self, current, &a, j, 1.0).lacking(&current.errors);
             let square = |f: &[f64]| f.iter().map(|x| x * x).sum::<f64>() / f.len() as f64;
             most = most.max(square(&before) - square(&after));
         }
@@ -501,20 +548,26 @@ fn gaps(
         .collect();
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
     let limits = &search.problem.limits;
-    let plants = [
-        untouched.plant(&[], limits, FINE)?,
-        refitted.hypothesis.plant(&refitted.hypothesis.x, limits, FINE)?,
-        current.hypothesis.plant(&current.hypothesis.x, limits, FINE)?,
-    ];
+    let made = |step: f64| -> Result<[crate::plant::Plant; 3], GapError> {
+        Ok([
+            untouched.plant(&[], limits, step)?,
+            refitted.hypothesis.plant(&refitted.hypothesis.x, limits, step)?,
+            current.hypothesis.plant(&current.hypothesis.x, limits, step)?,
+        ])
+    };
+    let plants = made(FINE)?;
+    // Following the data takes no finer steps than the search did.
+    let followers = made(crate::search::STEP)?;
     let on = |data: &[Trajectory]| -> Result<Gap, GapError> {
         let figures: Vec<Figures> = plants
             .par_iter()
-            .map(|plant| Ok(Smoothed::new(plant, data, &search.noise)?.figures(plant, data, options.window, &ranges)))
+            .zip(&followers)
+            .map(|(plant, follower)| Ok(Smoothed::new(follower, data, &search.noise)?.figures(plant, data, options.window, &ranges)))
             .collect::<Result<_, GapError>>()?;
-        let noise = likely_noise(&plants[2], data, &search.noise, f64::INFINITY)?;
-        let smoothed = Smoothed::new(&plants[2], data, &search.noise)?;
+        let noise = likely_noise(&followers[2], data, &search.noise, ANY)?;
+        let smoothed = Smoothed::new(&followers[2], data, &search.noise)?;
         let invented = smoothed.invent(&plants[2], data, &noise, options.window, options.seed)?;
-        let floor = Smoothed::new(&plants[2], &invented, &search.noise)?.figures(&plants[2], &invented, options.window, &ranges);
+        let floor = Smoothed::new(&followers[2], &invented, &search.noise)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {
                 let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];

@@ -18,7 +18,7 @@ pub(crate) fn places(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<W
     let mut found: Vec<Where> = (0..search.names.len())
         .into_par_iter()
         .filter_map(|j| {
-            let found = flexible::nameless(&Response::new(search, fit, &runs, j), scale, typical[j])?;
+            let found = flexible::nameless(&Response::new(search, fit, &runs, j, scale), scale, typical[j])?;
             let share = if found.evidence > 0.0 { (found.force / typical[j].max(1e-12)).powi(2) } else { 0.0 };
             Some(Where {
                 joint: search.names[j].clone(),

@@ -29,7 +29,8 @@ pub(crate) struct Response {
     inverse: Vec<f64>,
     /// Rate at which velocities decay, by joint.
     decay: Vec<f64>,
-    /// Errors of the base model without what its known numbers can explain, and an orthonormal basis of that.
+    /// Errors of the base model without what its known numbers can explain, with a row for the prior of each of these, and an orthonormal
+    /// basis of what they can.
     pub errors: DVector<f64>,
     basis: DMatrix<f64>,
 }
@@ -49,7 +50,7 @@ struct Row {
 }
 
 impl Response {
-    pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize) -> Self {
+    pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize, scale: f64) -> Self {
         let n = search.names.len();
         let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
         for ((trajectory, all), run) in search.problem.trajectories.iter().zip(&search.problem.gains).zip(runs) {
@@ -74,11 +75,21 @@ impl Response {
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
         let decay = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
-        let count = base.errors.len();
+        // Numbers with a prior count as measured once more: a row each, behind the errors. Those on a bound can explain nothing more.
+        let (count, known) = (base.errors.len(), base.jacobian.len());
+        let extended = |errors: &DVector<f64>, prior: &dyn Fn(usize) -> f64| {
+            DVector::from_fn(count + known, |i, _| if i < count { errors[i] } else { prior(i - count) })
+        };
+        let hypothesis = &base.hypothesis;
         let mut basis: Vec<DVector<f64>> = Vec::new();
-        for column in &base.jacobian {
-            let norm = column.norm();
-            let mut rest = column.clone();
+        for (p, column) in base.jacobian.iter().enumerate() {
+            let fitted = &hypothesis.fitted[p];
+            let margin = 1e-3 * (fitted.bounds[1] - fitted.bounds[0]);
+            if hypothesis.x[p] < fitted.bounds[0] + margin || hypothesis.x[p] > fitted.bounds[1] - margin {
+                continue;
+            }
+            let mut rest = extended(column, &|i| if i == p { scale / fitted.prior[1] } else { 0.0 });
+            let norm = rest.norm();
             for _ in 0..2 {
                 for b in &basis {
                     let dot = b.dot(&rest);
@@ -89,15 +100,21 @@ impl Response {
                 basis.push(rest.normalize());
             }
         }
-        let basis = if basis.is_empty() { DMatrix::zeros(count, 0) } else { DMatrix::from_columns(&basis) };
-        let errors = base.errors.clone() - &basis * basis.tr_mul(&base.errors);
+        let basis = if basis.is_empty() { DMatrix::zeros(count + known, 0) } else { DMatrix::from_columns(&basis) };
+        let off = |p: usize| scale * (hypothesis.x[p] - hypothesis.fitted[p].prior[0]) / hypothesis.fitted[p].prior[1];
+        let errors = extended(&base.errors, &off);
+        let along = basis.tr_mul(&errors);
+        let errors = errors - &basis * along;
         Self { rows, joints: n, joint, gains, inverse, decay, errors, basis }
     }
 
     /// Without what the base model's own numbers can explain.
     pub fn project(&self, change: DVector<f64>) -> DVector<f64> {
-        let along = self.basis.tr_mul(&change);
-        change - &self.basis * along
+        let count = change.len();
+        let along = self.basis.rows(0, count).tr_mul(&change);
+        let mut rest = change.resize_vertically(self.errors.len(), 0.0);
+        rest -= &self.basis * along;
+        rest
     }
 
     /// The forces of an effect along the base run.

@@ -43,13 +43,17 @@ pub(crate) struct Search<'a> {
 /// Share of the typical acceleration that no model has.
 pub(crate) const FLOOR: f64 = 0.01;
 /// Longest step while searching, s.
-const STEP: f64 = 2.5e-3;
+pub(crate) const STEP: f64 = 2.5e-3;
 /// Effects of one stage that are fitted in the simulator, and those of them that are fitted to the end.
 const SEMIFINALISTS: usize = 12;
 const FINALISTS: usize = 6;
 
-/// An effect that explains less than this share of what the best one explains is not looked at further.
+/// An effect that explains less than this share of what the best one explains is not looked at further: after the screen, and after
+/// the first rounds in the simulator.
 const HOPE: f64 = 0.3;
+const CLOSE: f64 = 0.8;
+
+const NEAR: f64 = 10.0;
 
 /// An effect at a place after the screens.
 struct Screened {
@@ -140,7 +144,7 @@ impl<'a> Search<'a> {
         let runs = self.runs(base)?;
         let mut responses: Vec<Option<Response>> = Vec::new();
         for j in 0..self.names.len() {
-            responses.push(tries.iter().any(|t| t.1 == Some(j)).then(|| Response::new(self, base, &runs, j)));
+            responses.push(tries.iter().any(|t| t.1 == Some(j)).then(|| Response::new(self, base, &runs, j, scale)));
         }
         let screened: Vec<Option<Screened>> = tries
             .into_par_iter()
@@ -174,7 +178,7 @@ impl<'a> Search<'a> {
         let mut place = 0;
         ranked.retain(|r| {
             place += 1;
-            place <= 5 || r.worth > HOPE * most
+            place <= 4 || r.worth > HOPE * most
         });
         let quick = Effort { rounds: 2, enough: 0.5 };
         let mut ranked: Vec<Candidate> = ranked
@@ -189,7 +193,10 @@ impl<'a> Search<'a> {
         ranked.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let fall = |c: &Candidate| base.squares - c.fit.squares;
         let most = ranked.first().map_or(0.0, fall);
-        let hopeful = ranked.iter().take(FINALISTS).take_while(|c| fall(c) > HOPE * most).count().max(2);
+        // What an exact fit has not brought near the base model's evidence yet will not be convincing.
+        let here = self.evidence(base, scale);
+        let hope = |c: &&Candidate| fall(c) > CLOSE * most && c.evidence > here - NEAR;
+        let hopeful = ranked.iter().take(FINALISTS).take_while(hope).count().max(2);
         let rest = ranked.split_off(hopeful.min(ranked.len()));
         let finished: Vec<Candidate> = ranked
             .into_par_iter()
@@ -245,8 +252,12 @@ impl<'a> Search<'a> {
         let change = self.problem.errors(hypothesis, &hypothesis.x).ok()? - &base.errors;
         let change = response.project(change);
         let size = change.norm_squared();
-        let dot = change.dot(&response.errors);
-        (size > 0.0).then(|| (hypothesis.x.clone(), dot * dot / size))
+        // Sizes that cannot be negative change nothing in the other direction.
+        let one_sided = hypothesis.fitted[base.hypothesis.x.len()..].iter().all(|f| f.logarithmic);
+        let least = if one_sided { 0.0 } else { -2.0 };
+        let share = (-change.dot(&response.errors) / size).clamp(least, 2.0);
+        let gain = -share * (2.0 * change.dot(&response.errors) + share * size);
+        (size > 0.0).then(|| (hypothesis.x.clone(), gain))
     }
 
     /// Has the joint a loss that heat can change?

@@ -78,11 +78,16 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
             vec![vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]]
         }
-        "backlash" => [1.0 / 400.0, 1.0 / 60.0].iter().flat_map(|g| each(&|e| vec![g * r, 0.2 * m, e], &[0.0, 1.0])).collect(),
+        // The encoder is on the link unless the model says so.
+        "backlash" => [1.0 / 400.0, 1.0 / 100.0, 1.0 / 30.0].iter().map(|g| vec![g * r, 0.2 * m, 0.0]).collect(),
         "joint_elasticity" => {
-            let k = |hz: f64| 0.2 * m * (TAU * hz).powi(2);
-            let modes = [4.0, 12.0, 30.0];
-            modes.iter().flat_map(|hz| each(&|e| vec![k(*hz), 0.1 * k(*hz) / (TAU * hz), 0.25 * m, e], &[0.0, 1.0])).collect()
+            let rotors = [0.08, 0.3];
+            let start = |hz: f64, share: f64| {
+                // The mode of rotor against link.
+                let k = m * share * (1.0 - share).max(0.1) * (TAU * hz).powi(2);
+                vec![k, 0.1 * k / (TAU * hz), share * m, 0.0]
+            };
+            [2.5, 5.0, 10.0, 20.0, 40.0].iter().flat_map(|hz| each(&|share| start(*hz, share), &rotors)).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
         "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),

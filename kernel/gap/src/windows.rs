@@ -46,13 +46,16 @@ pub(crate) struct Smoothed {
 }
 
 /// Factors on the noises among which the most likely are taken.
-const ACCELERATIONS: [f64; 9] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
+const ACCELERATIONS: [f64; 12] = [0.05, 0.15, 0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 const POSITIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 
-/// The noise under which a plant's prediction errors are most likely, the noise of accelerations at most `most` times the one given: a
+/// No bounds.
+pub(crate) const ANY: [f64; 2] = [0.0, f64::INFINITY];
+
+/// The noise under which a plant's prediction errors are most likely, the noise of accelerations within `range` times the one given: a
 /// model that lacks something is trusted less. Noise of positions that is not white hides from neighbouring samples, so it is asked
 /// about here, too.
-pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise, most: f64) -> Result<Noise, GapError> {
+pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise, range: [f64; 2]) -> Result<Noise, GapError> {
     let cost = |tried: &Noise| -> f64 {
         let one = |trajectory: &Trajectory| {
             let gains = Gains::new(trajectory, tried);
@@ -73,7 +76,7 @@ pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &N
         for along in [0, 1] {
             let factors: &[f64] = if along == 0 { &ACCELERATIONS } else { &POSITIONS };
             let mut worse = 0;
-            for factor in factors.iter().filter(|f| along == 1 || **f <= most) {
+            for factor in factors.iter().filter(|f| along == 1 || (range[0]..=range[1]).contains(*f)) {
                 let (position, acceleration) = if along == 0 { (best.1, *factor) } else { (*factor, best.2) };
                 let found = cost(&with(position, acceleration));
                 if found < best.0 {
@@ -96,7 +99,7 @@ pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &N
 
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        let noise = likely_noise(plant, trajectories, noise, f64::INFINITY)?;
+        let noise = likely_noise(plant, trajectories, noise, ANY)?;
         let mut motion = plant.motion();
         let mut errors = Vec::new();
         let mut runs = Vec::new();

@@ -53,7 +53,10 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         if found.report.effects.is_empty() {
             eprintln!("nothing was named: no new version");
         } else if !unconfirmed.is_empty() && !arguments.accept_unconfirmed {
-            eprintln!("not published: held-out data do not confirm {}; --accept-unconfirmed publishes it all the same", unconfirmed.join(", "));
+            eprintln!(
+                "not published: held-out data do not confirm {}; --accept-unconfirmed publishes it all the same",
+                unconfirmed.join(", ")
+            );
         } else {
             let version = library.publish_model(&given.name, &found.model, &[]).map_err(|e| CliError::Other(e.to_string()))?;
             found.report.model = version.to_string();

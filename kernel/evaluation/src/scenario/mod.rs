@@ -549,10 +549,24 @@ impl Observe<'_> {
                 Driving::Torque => Some((CommandKind::Effort, all((0..run.time.len()).map(value).collect()))),
                 Driving::Servo { .. } => Some((CommandKind::Position, all((0..run.time.len()).map(value).collect()))),
             };
-            joints.push(JointLog { name: self.stage.known.joints[joint].name.clone(), position, velocity, effort, command, command_gaps: Vec::new() });
+            joints.push(JointLog {
+                name: self.stage.known.joints[joint].name.clone(),
+                position,
+                velocity,
+                effort,
+                command,
+                command_gaps: Vec::new(),
+            });
         }
-        let mut log =
-            Log { source: format!("{source}.csv"), hash: String::new(), joints, wrenches: Vec::new(), notes: Vec::new(), continues, epoch: 0 };
+        let mut log = Log {
+            source: format!("{source}.csv"),
+            hash: String::new(),
+            joints,
+            wrenches: Vec::new(),
+            notes: Vec::new(),
+            continues,
+            epoch: 0,
+        };
         let digest = Sha256::digest(to_csv(&log).as_bytes());
         log.hash = digest.iter().map(|b| format!("{b:02x}")).collect();
         log
