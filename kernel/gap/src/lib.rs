@@ -15,6 +15,8 @@ pub mod report;
 mod response;
 mod search;
 mod starts;
+#[cfg(test)]
+mod tests;
 mod trajectory;
 mod windows;
 

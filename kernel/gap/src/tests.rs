@@ -1,0 +1,198 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::Path;
+
+use nalgebra::DVector;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use sagci_dynamics::effects;
+use sagci_model::{EffectEntry, ObjectModel};
+use sagci_recording::{JointLog, Log, Series};
+
+use crate::fit::{Effort, Fit};
+use crate::hypothesis::Hypothesis;
+use crate::noise;
+use crate::plant::Plant;
+use crate::response::Response;
+use crate::search::Search;
+use crate::trajectory::Trajectory;
+use crate::windows::Smoothed;
+
+fn door() -> ObjectModel {
+    ObjectModel::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/mujoco/b")).unwrap()
+}
+
+fn normal(random: &mut Pcg64) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+}
+
+/// A door that a weak hand moves to and fro for 10 s at 200 Hz, simulated in steps of 0.1 ms.
+fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
+    let plant = Plant::new(truth, &[false], 1e-4).unwrap();
+    let mut motion = plant.motion();
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut joint = JointLog { name: "hinge".into(), effort: Some(Series::default()), ..JointLog::default() };
+    motion.state.q[0] = 0.6;
+    for k in 0..2000 {
+        let t = 0.005 * f64::from(k);
+        let u = 4.0 * (0.9 + 0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos() - motion.state.q[0]) - 0.3 * motion.state.v[0];
+        joint.position.time.push(t);
+        joint.position.value.push(plant.reading(&motion, 0) + noise * normal(&mut random));
+        let effort = joint.effort.as_mut().unwrap();
+        effort.time.push(t);
+        effort.value.push(u);
+        let one = Trajectory {
+            source: String::new(),
+            hash: String::new(),
+            time: vec![t, t + 0.005],
+            position: vec![0.0; 2],
+            effort: vec![f64::NAN; 2],
+            input: vec![u; 2],
+            drive: vec![crate::trajectory::Drive::Effort],
+            starts: vec![0],
+            continues: false,
+            joints: 1,
+        };
+        plant.interval(&mut motion, &one, 0).unwrap();
+        motion.state.time = t + 0.005;
+    }
+    Log { source: "swing".into(), joints: vec![joint], ..Log::default() }
+}
+
+fn with(model: &ObjectModel, effect: &str, parameters: &[(&str, f64)]) -> ObjectModel {
+    let mut model = model.clone();
+    let parameters = parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect();
+    model.document.effects.push(EffectEntry { effect: effect.into(), joint: Some("hinge".into()), parameters, ..EffectEntry::default() });
+    model
+}
+
+#[test]
+fn the_noise_of_positions_is_read_off_motion() {
+    for size in [2e-5, 1e-3] {
+        let log = swing(&door(), size, 3);
+        let found = noise::of_positions(&[Trajectory::new(&log, &door()).unwrap()], 0);
+        assert!((found / size - 1.0).abs() < 0.1, "{found} for {size}");
+    }
+}
+
+#[test]
+fn an_encoder_that_reads_in_steps_has_the_noise_of_these() {
+    let mut log = swing(&door(), 0.0, 3);
+    let step = 2e-3;
+    for y in &mut log.joints[0].position.value {
+        *y = (*y / step).round() * step;
+    }
+    let found = noise::of_positions(&[Trajectory::new(&log, &door()).unwrap()], 0);
+    assert!(found >= 0.99 * step / 12f64.sqrt() && found < step, "{found}");
+}
+
+/// If the model is right, prediction errors are white and of the size that the filter says.
+#[test]
+fn prediction_errors_of_the_right_model_are_white() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let hypothesis = Hypothesis::known(&model, &search.joints);
+    let errors = search.problem.errors(&hypothesis, &hypothesis.x).unwrap();
+    let e: Vec<f64> = errors.iter().skip(50).copied().collect();
+    let square = e.iter().map(|x| x * x).sum::<f64>() / e.len() as f64;
+    assert!((0.7..1.1).contains(&square), "{square}");
+    for lag in 1..=20 {
+        let correlation = e.iter().zip(&e[lag..]).map(|(a, b)| a * b).sum::<f64>() / (square * e.len() as f64);
+        assert!(correlation.abs() < 0.1, "lag {lag}: {correlation}");
+    }
+}
+
+/// The screen's linear response to a force is what a run of the simulator with that force shows.
+#[test]
+fn the_linear_response_agrees_with_the_simulator() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let base = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
+    let runs = search.runs(&base).unwrap();
+    let response = Response::new(&search, &base, &runs, 0, 1.0);
+    for (effect, values) in [("torque_bias", vec![0.02]), ("joint_spring", vec![0.05, 0.2]), ("viscous_friction", vec![0.02])] {
+        let more = base.hypothesis.with(effect, Some("hinge"), &values).unwrap();
+        let exact: DVector<f64> = search.problem.errors(&more, &more.x).unwrap() - &base.errors;
+        let linear = response.errors_of(&response.forces(effects::find(effect).unwrap(), &values));
+        let off = (&exact - &linear).norm() / exact.norm();
+        assert!(off < 0.1, "{effect}: {off}");
+    }
+}
+
+/// Steps take positions from the next velocity; without the correction of an interval a held push would carry too far by `h a t / 2`.
+#[test]
+fn a_held_push_is_integrated_exactly() {
+    let mut model = door();
+    model.joints[0].damping = 0.0;
+    model.joints[0].friction = 0.0;
+    let trajectory = Trajectory::new(&swing(&model, 0.0, 2), &model).unwrap();
+    let end = |step: f64| {
+        let plant = Plant::new(&model, &[false], step).unwrap();
+        let mut motion = plant.motion();
+        for k in 0..200 {
+            plant.interval(&mut motion, &trajectory, k).unwrap();
+        }
+        motion.state.q[0]
+    };
+    assert!((end(5e-3) - end(5e-5)).abs() < 1e-10, "{} and {}", end(5e-3), end(5e-5));
+}
+
+#[test]
+fn a_fit_finds_what_made_the_data() {
+    let model = door();
+    let truth = with(&model, "quadratic_drag", &[("drag", 0.12)]);
+    let trajectories: Vec<Trajectory> = (1..3).map(|s| Trajectory::new(&swing(&truth, 2e-4, s), &model).unwrap()).collect();
+    let search = Search::new(&model, &trajectories).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let start = base.hypothesis.with("quadratic_drag", Some("hinge"), &[0.02]).unwrap();
+    let fit = Fit::start(&search.problem, start).unwrap().improve(&search.problem, 1.0, Effort { rounds: 15, enough: 0.01 }, None).unwrap();
+    let last = fit.hypothesis.x.len() - 1;
+    let value = fit.hypothesis.fitted[last].value(fit.hypothesis.x[last]);
+    assert!((value - 0.12).abs() < 0.004, "{value}");
+    assert!(search.evidence(&fit, 1.0) > search.evidence(&base, 1.0) + 100.0);
+}
+
+/// Mass, centre of mass and inertia of one door are one number to its hinge: the number that is kept has the room of all.
+#[test]
+fn inertial_numbers_that_show_alike_are_one() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let all = Hypothesis::known(&model, &search.joints);
+    let known = search.known(&model, 1.0).unwrap().hypothesis;
+    let inertial = |h: &Hypothesis| h.fitted.iter().filter(|f| f.unit == "1" || f.unit == "m").count();
+    assert_eq!(inertial(&all), 5);
+    assert_eq!(inertial(&known), 1);
+    let room = known.fitted.iter().find(|f| f.unit == "1" || f.unit == "m").unwrap();
+    let same = all.fitted.iter().find(|f| f.knob == room.knob).unwrap();
+    assert!(room.bounds[1] > same.bounds[1]);
+}
+
+/// Windows of the right model on its own noiseless data are off by no more than the integrator is.
+#[test]
+fn the_gap_of_the_right_model_is_its_noise() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 1e-5, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let plant = Plant::new(&model, &search.problem.limits, 1e-3).unwrap();
+    let figures = Smoothed::new(&plant, &trajectories, &search.noise).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
+    assert!(figures.rmse[0] < 5e-4, "{figures:?}");
+    let wrong = with(&model, "torque_bias", &[("bias", 0.2)]);
+    let plant = Plant::new(&wrong, &search.problem.limits, 1e-3).unwrap();
+    let off = Smoothed::new(&plant, &trajectories, &search.noise).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
+    assert!(off.rmse[0] > 20.0 * figures.rmse[0], "{off:?}");
+}
+
+#[test]
+fn an_input_acts_from_its_row_until_the_next() {
+    let model = door();
+    let mut log = swing(&model, 0.0, 1);
+    // Inputs on a clock of their own.
+    let effort = log.joints[0].effort.as_mut().unwrap();
+    *effort = Series { time: vec![0.0, 0.0123, 0.5], value: vec![1.0, 2.0, 3.0] };
+    let trajectory = Trajectory::new(&log, &model).unwrap();
+    let at = |t: f64| trajectory.input[trajectory.time.iter().position(|x| (x - t).abs() < 1e-9).unwrap()];
+    assert_eq!([at(0.0), at(0.01), at(0.0123), at(0.495), at(0.5), at(5.0)], [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
+}
