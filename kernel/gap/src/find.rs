@@ -136,11 +136,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             lost = candidates;
             break;
         }
-        if without_name > gain + CONVINCING {
-            nameless_won = true;
-            lost = candidates;
-            break;
-        }
         current = best.fit.clone();
         chosen.push(Choice::new(&candidates, here, without_name));
     }
@@ -211,7 +206,21 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         scale = search.scale(&current);
         confirmed.clear();
     }
-    let remainder = search.nameless(&current, scale)?;
+    let mut remainder = search.nameless(&current, scale)?;
+    // Names that explain less than a force without a name does are that force's nearest neighbours, no more.
+    let nameless = search.nameless(&refitted, scale)?;
+    if let (Some(left), Some((joint, all))) = (&remainder, nameless)
+        && !chosen.is_empty()
+        && left.1.evidence > 2.0 * CONVINCING
+        && all.evidence > search.evidence(&current, scale) - search.evidence(&refitted, scale)
+    {
+        for gone in chosen.drain(..) {
+            let reason = "comes near, but a force without a name fits better".to_owned();
+            contradicted.push(Reason { name: gone.best.effect.into(), reason });
+        }
+        remainder = Some((joint, all));
+        current = refitted.clone();
+    }
 
     let covariance = current.covariance(scale);
     let lacking: f64 = search.explained_force(&current, &refitted)?;
