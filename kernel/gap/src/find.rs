@@ -13,6 +13,7 @@ use crate::fit::{Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::map;
+use crate::plots::{self, PlotData, Predicted};
 use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Report, SCHEMA, Unexplained, Value, Verdict};
 use crate::response::Response;
 use crate::search::{Candidate, Search, entries};
@@ -49,6 +50,8 @@ pub struct Found {
     pub report: Report,
     /// The model, its known numbers refitted, with the effects as entries of its document.
     pub model: ObjectModel,
+    /// What the report's page draws.
+    pub figures: PlotData,
 }
 
 /// Most effects that are looked for at once.
@@ -221,7 +224,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
 
     say("predicting over windows");
-    let gap = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
+    let (gap, predicted) = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
+    let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
+    let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);
     for (effect, entry) in effects_found.iter().zip(&final_entries) {
         found.document.effects[*entry].evidence = Some(Evidence {
@@ -233,6 +238,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
         });
     }
+    found.state_in_urdf();
     let rejected = lost
         .iter()
         .take(5)
@@ -255,7 +261,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         notes,
         seconds: clock.elapsed().as_secs_f64(),
     };
-    Ok(Found { report, model: found })
+    Ok(Found { report, model: found, figures })
 }
 
 fn best_three(candidates: &[Candidate], here: f64) -> String {
@@ -489,7 +495,7 @@ fn gaps(
     train: &[Trajectory],
     unseen: &[Trajectory],
     options: &Options<'_>,
-) -> Result<Gaps, GapError> {
+) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
     let n = search.names.len();
     let ranges: Vec<f64> = (0..n)
         .map(|j| {
@@ -506,11 +512,15 @@ fn gaps(
         refitted.hypothesis.plant(&refitted.hypothesis.x, limits, FINE)?,
         current.hypothesis.plant(&current.hypothesis.x, limits, FINE)?,
     ];
-    let on = |data: &[Trajectory]| -> Result<Gap, GapError> {
-        let figures: Vec<Figures> = plants
+    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
+        let both: Vec<(Figures, Vec<Predicted>)> = plants
             .par_iter()
-            .map(|plant| Ok(Smoothed::new(plant, data, &search.noise)?.figures(plant, data, options.window, &ranges)))
+            .map(|plant| {
+                let smoothed = Smoothed::new(plant, data, &search.noise)?;
+                Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
+            })
             .collect::<Result<_, GapError>>()?;
+        let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
         let noise = likely_noise(&plants[2], data, &search.noise, f64::INFINITY)?;
         let smoothed = Smoothed::new(&plants[2], data, &search.noise)?;
         let invented = smoothed.invent(&plants[2], data, &noise, options.window, options.seed)?;
@@ -533,7 +543,15 @@ fn gaps(
                 (search.names[j].clone(), gap)
             })
             .collect();
-        Ok(Gap { before: figures[0].pooled, refitted: figures[1].pooled, after: figures[2].pooled, noise_floor: floor.pooled, per_joint })
+        let [before, refitted, after] = [0, 1, 2].map(|i| figures[i].pooled);
+        Ok((Gap { before, refitted, after, noise_floor: floor.pooled, per_joint }, predicted))
     };
-    Ok(Gaps { train: on(train)?, held_out: if unseen.is_empty() { None } else { Some(on(unseen)?) } })
+    let (train, mut predicted) = on(train)?;
+    let mut gaps = Gaps { train, held_out: None };
+    if !unseen.is_empty() {
+        let held_out;
+        (held_out, predicted) = on(unseen)?;
+        gaps.held_out = Some(held_out);
+    }
+    Ok((gaps, predicted))
 }
