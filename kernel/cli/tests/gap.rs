@@ -226,7 +226,7 @@ fn bad_input_is_refused_with_its_place_and_what_to_do() {
     // Nothing moves: which experiment to run.
     let still: Vec<[f64; 2]> = (0..400).map(|k| [0.01 * f64::from(k), 0.0]).collect();
     let still = bench.write("still.csv", csv("time,pivot.position", &still));
-    bench.refused(&["--data", &still], &["mov", "record"]);
+    bench.refused(&["--data", &still], &["never moves", "Record it"]);
     // Broken cells say where.
     let text = csv("time,pivot.position", &rows).replace("\n0.100,", "\n0.100,abc");
     let cells = bench.write("cells.csv", text);
@@ -261,8 +261,9 @@ fn one_trajectory_without_effort_is_answered_with_what_it_can_show() {
     assert!(notes.contains("effort"), "it is said what cannot be found without effort: {notes}");
     assert_eq!(std::fs::read(&data).unwrap(), before);
     // What URDF can say stands in both files, once for whoever simulates it.
-    let value = answer["effects"][0]["parameters"]["damping"]["value"].as_f64().unwrap();
-    assert!((value - 0.05).abs() < 0.002, "{value}");
+    let damping = &answer["effects"][0]["parameters"]["damping"];
+    let [value, lower, upper] = ["value", "lower", "upper"].map(|k| damping[k].as_f64().unwrap());
+    assert!(lower < 0.05 && 0.05 < upper && upper < 0.06, "{damping}");
     let urdf = std::fs::read_to_string(Path::new(&out).join("model.urdf")).unwrap();
     let yaml = std::fs::read_to_string(Path::new(&out).join("model.yaml")).unwrap();
     assert!(urdf.contains(&format!("damping=\"{value}\"")), "{urdf}");
@@ -329,6 +330,7 @@ fn only_what_held_out_data_confirm_is_published_and_a_failure_leaves_the_old_ver
     assert!(said.err.contains("not published") && said.err.contains("licence"), "{}", said.err);
     assert!(serde_json::from_str::<Value>(&said.out).is_ok(), "the answer is lost");
     assert_eq!(std::fs::read_to_string(home.join("HEAD")).unwrap().trim(), named);
+    std::fs::remove_dir_all(home).unwrap();
 
     // Confirmed on the other swing: published, with its evidence, and the old version stays.
     let said = gap(&["--held-out", &other]);
@@ -344,7 +346,7 @@ fn only_what_held_out_data_confirm_is_published_and_a_failure_leaves_the_old_ver
     assert!(published.join("evidence/report.html").is_file());
     let yaml = std::fs::read_to_string(published.join("model.yaml")).unwrap();
     assert!(yaml.contains("viscous_friction") && yaml.contains("held_out:"), "{yaml}");
-    assert_eq!(sagci(&["models", "verify", "--models", &models, "pendulum"]).code, 0);
+    assert_eq!(sagci(&["models", "verify", "--models", &models]).code, 0);
     // With it nothing is missing: no third version.
     let answer = one_document(&gap(&["--held-out", &other]));
     assert_eq!(answer["verdict"], "no_gap");
@@ -360,7 +362,7 @@ fn sagci_library_version(folder: &Path) -> String {
 fn a_truncated_recording_is_used_as_far_as_it_is_whole_and_that_is_said() {
     let bench = Bench::new();
     let text = csv("time,pivot.position", &swing(0.9, 0.05, 6.0));
-    let cut = bench.write("cut.csv", &text[..text.len() - 9]);
+    let cut = bench.write("cut.csv", &text[..text.rfind(',').unwrap() - 1]);
     let said = sagci(&["gap", &bench.path("pendulum"), "--data", &cut, "--format", "json"]);
     let answer = one_document(&said);
     assert!(answer["notes"].to_string().contains("cut"), "{}", answer["notes"]);

@@ -1,6 +1,6 @@
 //! The workflow: known numbers first, then names, one after the other, then a second look at each.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -82,6 +82,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
     let mut notes: Vec<String> =
         train.iter().chain(held_out).flat_map(|l| &l.notes).map(|n| format!("{}: {}", n.place, n.message)).collect();
+    // What holds for all recordings is said once.
+    let mut said = BTreeSet::new();
+    notes.retain(|n| said.insert(n.clone()));
     let (train, held_out) = set_aside(train, held_out, &mut notes);
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;

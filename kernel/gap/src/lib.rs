@@ -17,6 +17,9 @@ pub mod plots;
 mod predict;
 pub mod report;
 mod response;
+#[cfg(test)]
+#[allow(clippy::panic)]
+mod round_trip;
 mod search;
 mod starts;
 mod trajectory;

@@ -315,7 +315,7 @@ fn window_plot(joint: &JointPlot, window: &WindowPlot) -> String {
     };
     let measured = span(&window.measured);
     // What diverges leaves the picture; it must not flatten the rest.
-    let reach = (measured[1] - measured[0]).max(10.0 * joint.noise);
+    let reach = (0.6 * (measured[1] - measured[0])).max(10.0 * joint.noise);
     let mut shown = measured;
     for other in [span(&window.before), span(&window.after)] {
         if other[0] <= other[1] {
@@ -352,7 +352,7 @@ fn forces(out: &mut String, report: &Report, figures: &PlotData) {
     }
     out.push_str(
         "<h2>Lacking force</h2>\n<p>The force against the motion along the positive axis that the model would need besides, to follow the data \
-         of the fit: means over bins of position, by direction, with two standard deviations. With all effects found it lies about zero. The \
+         of the fit: medians over bins of position, by direction, with two standard deviations. With all effects found it lies about zero. The \
          shaded band is where most of it lay.</p>\
          <div class=\"legend\"><span style=\"color:var(--after)\">▶ position grows</span><span style=\"color:var(--before)\">◁ position falls</span></div>\n",
     );

@@ -90,7 +90,7 @@ pub struct WindowPlot {
     pub rmse: [f64; 2],
 }
 
-/// Mean lacking force in one bin of positions, by direction, with the standard deviation of the mean.
+/// Median lacking force in one bin of positions, by direction, with the standard deviation of the median.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bin {
     /// Middle of the bin, rad or m.
@@ -118,7 +118,7 @@ pub struct Changed {
 
 /// Bins of position.
 const BINS: usize = 24;
-/// Fewest samples of which a mean is drawn.
+/// Fewest samples of which a median is drawn.
 const FEWEST: usize = 8;
 /// Most points of a line.
 const POINTS: usize = 240;
@@ -253,28 +253,36 @@ fn chosen(before: &[Predicted], after: &[Predicted], data: &[Trajectory], joint:
     places.into_iter().map(line).collect()
 }
 
-/// Means over bins of position, by direction. A row far slower than usual says little of a direction and is left out.
+/// Medians over bins of position, by direction: a filter that has just been started makes a few large corrections, which say nothing of
+/// the model. A row far slower than usual says little of a direction and is left out.
 fn bins(places: &[crate::flexible::Place], lacking: &[f64]) -> Vec<Bin> {
     let [low, high] = span(places.iter().map(|p| p.q));
     if high <= low {
         return Vec::new();
     }
     let usual = (places.iter().map(|p| p.v * p.v).sum::<f64>() / places.len().max(1) as f64).sqrt();
-    let mut sums = vec![[[0.0f64; 3]; 2]; BINS];
+    let mut forces: Vec<[Vec<f64>; 2]> = vec![Default::default(); BINS];
     for (p, force) in places.iter().zip(lacking) {
-        if !force.is_finite() || p.v.abs() < 0.02 * usual {
-            continue;
+        if force.is_finite() && p.v.abs() >= 0.02 * usual {
+            let bin = (((p.q - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
+            forces[bin][usize::from(p.v < 0.0)].push(*force);
         }
-        let bin = (((p.q - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
-        let sum = &mut sums[bin][usize::from(p.v < 0.0)];
-        *sum = [sum[0] + 1.0, sum[1] + force, sum[2] + force * force];
     }
-    let mean = |[count, sum, squares]: [f64; 3]| {
-        let mean = sum / count;
-        (count >= FEWEST as f64).then(|| [mean, ((squares / count - mean * mean).max(0.0) / count).sqrt()])
+    let median = |values: &mut Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
     };
-    let middle = |b: usize| low + (high - low) * (b as f64 + 0.5) / BINS as f64;
-    sums.iter().enumerate().map(|(b, s)| Bin { position: middle(b), forward: mean(s[0]), backward: mean(s[1]) }).collect()
+    let middle = |values: &mut Vec<f64>| {
+        (values.len() >= FEWEST).then(|| {
+            let middle = median(values);
+            let mut off: Vec<f64> = values.iter().map(|x| (x - middle).abs()).collect();
+            // Of normal noise: the deviation is 1.4826 times the median of what is off, that of a median 1.2533 times a mean's.
+            [middle, 1.4826 * 1.2533 * median(&mut off) / (values.len() as f64).sqrt()]
+        })
+    };
+    let at = |b: usize| low + (high - low) * (b as f64 + 0.5) / BINS as f64;
+    let each = forces.iter_mut().enumerate();
+    each.map(|(b, [forward, backward])| Bin { position: at(b), forward: middle(forward), backward: middle(backward) }).collect()
 }
 
 /// Numbers that are not the same in all three.
