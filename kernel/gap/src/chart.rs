@@ -154,7 +154,14 @@ fn ticks([low, high]: [f64; 2], most: usize) -> Vec<f64> {
 /// Three or four significant digits; powers of ten where a number is very small or large.
 pub(crate) fn number(x: f64) -> String {
     if !x.is_finite() {
-        return if x.is_nan() { "unknown" } else if x > 0.0 { "∞" } else { "−∞" }.into();
+        return if x.is_nan() {
+            "unknown"
+        } else if x > 0.0 {
+            "∞"
+        } else {
+            "−∞"
+        }
+        .into();
     }
     let size = x.abs();
     let text = if size == 0.0 {

@@ -126,9 +126,26 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
         if std::env::var("GAP_DEBUG").is_ok() {
-            eprintln!("noise {:?} scale {scale} base sse/n {} measured {}", search.noise, current.squares / search.problem.measured() as f64, search.problem.measured());
+            eprintln!(
+                "noise {:?} scale {scale} base sse/n {} measured {}",
+                search.noise,
+                current.squares / search.problem.measured() as f64,
+                search.problem.measured()
+            );
             for c in &candidates {
-                eprintln!("   {:28} {:.1} sse/n {:.4} {:?}", c.effect, c.evidence - here, c.fit.squares / search.problem.measured() as f64, c.fit.hypothesis.fitted.iter().zip(&c.fit.hypothesis.x).map(|(f, x)| format!("{:?}={:.4}", f.knob, f.value(*x))).collect::<Vec<_>>());
+                eprintln!(
+                    "   {:28} {:.1} sse/n {:.4} {:?}",
+                    c.effect,
+                    c.evidence - here,
+                    c.fit.squares / search.problem.measured() as f64,
+                    c.fit
+                        .hypothesis
+                        .fitted
+                        .iter()
+                        .zip(&c.fit.hypothesis.x)
+                        .map(|(f, x)| format!("{:?}={:.4}", f.knob, f.value(*x)))
+                        .collect::<Vec<_>>()
+                );
             }
         }
         let nameless = search.nameless(&current, scale)?;

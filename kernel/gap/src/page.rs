@@ -76,7 +76,12 @@ fn verdict(report: &Report) -> String {
             percent(gap.noise_floor)
         );
     } else {
-        put!(text, " On {data} predictions are off by {} of the joints' range; noise alone makes {}.", percent(gap.refitted), percent(gap.noise_floor));
+        put!(
+            text,
+            " On {data} predictions are off by {} of the joints' range; noise alone makes {}.",
+            percent(gap.refitted),
+            percent(gap.noise_floor)
+        );
     }
     text
 }
@@ -129,7 +134,9 @@ fn effects_found(out: &mut String, report: &Report) {
             let names: Vec<String> = effect.alternatives.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
             put!(out, "<p class=\"doubt\">As far as these data can tell it may as well be {}.</p>", names.join(" or "));
         }
-        out.push_str("<div class=\"wide\"><table><tr><th>parameter</th><th class=\"n\">value</th><th>interval of 95 %</th><th>unit</th></tr>");
+        out.push_str(
+            "<div class=\"wide\"><table><tr><th>parameter</th><th class=\"n\">value</th><th>interval of 95 %</th><th>unit</th></tr>",
+        );
         for (name, v) in &effect.parameters {
             put!(
                 out,
@@ -194,7 +201,10 @@ fn gaps(out: &mut String, report: &Report, figures: &PlotData) {
     out.push_str("<div class=\"two\">");
     for (title, gap) in both {
         let Some(gap) = gap else {
-            put!(out, "<div><h3>Held out</h3><p class=\"doubt\">Nothing was held out, so nothing confirms the fit on other data.</p></div>");
+            put!(
+                out,
+                "<div><h3>Held out</h3><p class=\"doubt\">Nothing was held out, so nothing confirms the fit on other data.</p></div>"
+            );
             continue;
         };
         put!(out, "<div><h3>{title}</h3>");
@@ -412,7 +422,12 @@ fn left(out: &mut String, report: &Report) {
             );
             if !next.separates.is_empty() {
                 let names: Vec<String> = next.separates.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
-                put!(out, "<p>It tells apart {}; evidence of about e<sup>{}</sup> is expected.</p>", names.join(", "), number(round(next.expected)));
+                put!(
+                    out,
+                    "<p>It tells apart {}; evidence of about e<sup>{}</sup> is expected.</p>",
+                    names.join(", "),
+                    number(round(next.expected))
+                );
             }
             let numbers: Vec<String> = next.parameters.iter().map(|(n, x)| format!("{} = {}", escape(n), number(*x))).collect();
             put!(out, "<p class=\"faint\">{}</p></section>", numbers.join(", "));

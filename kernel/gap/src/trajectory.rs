@@ -77,7 +77,8 @@ impl Trajectory {
     /// Means over so many rows.
     fn averaged(self, many: usize) -> Self {
         let n = self.joints;
-        let mut this = Self { time: Vec::new(), position: Vec::new(), effort: Vec::new(), input: Vec::new(), starts: Vec::new(), ..self.clone() };
+        let mut this =
+            Self { time: Vec::new(), position: Vec::new(), effort: Vec::new(), input: Vec::new(), starts: Vec::new(), ..self.clone() };
         let mut ends = self.starts[1..].to_vec();
         ends.push(self.rows());
         for (start, end) in self.starts.iter().zip(ends) {

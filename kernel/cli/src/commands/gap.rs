@@ -38,7 +38,9 @@ pub fn model(text: &str, places: &Places) -> Result<Given, CliError> {
         return Err(CliError::Other(format!("{text}: has no {URDF_FILE}; name the URDF itself")));
     }
     if text.contains(['/', '\\', '.']) {
-        return Err(CliError::Other(format!("{text}: there is no such file; MODEL is a URDF, a folder with an {URDF_FILE}, or an object's name")));
+        return Err(CliError::Other(format!(
+            "{text}: there is no such file; MODEL is a URDF, a folder with an {URDF_FILE}, or an object's name"
+        )));
     }
     let library = place::library(places, None)?;
     let stored = library.get(text).map_err(|e| other(&e))?;
