@@ -69,10 +69,12 @@ fn verdict(report: &Report) -> String {
     if !report.effects.is_empty() {
         put!(
             text,
-            " On {data} the error of predictions falls from {} to {} of the joints' range{}; noise alone makes {}.",
+            " On {data} the error of predictions goes from {} ({} once its known numbers are refitted) to {} of the joints' range{}; noise alone \
+             makes {}.",
             percent(gap.before),
+            percent(gap.refitted),
             percent(gap.after),
-            factor(gap.before, gap.after),
+            factor(gap.refitted, gap.after),
             percent(gap.noise_floor)
         );
     } else {
@@ -88,7 +90,7 @@ fn verdict(report: &Report) -> String {
 
 fn factor(before: f64, after: f64) -> String {
     let times = before / after;
-    if times.is_finite() && times > 1.05 { format!(" ({times:.1} times less)") } else { String::new() }
+    if times.is_finite() && times > 1.05 { format!(" ({times:.1} times less than refitted)") } else { String::new() }
 }
 
 fn term(name: &str) -> String {
@@ -186,7 +188,11 @@ fn capital(text: &str) -> String {
 }
 
 fn probability(p: f64) -> String {
-    if p > 0.9995 { "above 99.9 %".into() } else { percent(p) }
+    match p {
+        p if p > 0.9995 => "above 99.9 %".into(),
+        p if p < 0.0005 => "below 0.1 %".into(),
+        p => percent(p),
+    }
 }
 
 fn gaps(out: &mut String, report: &Report, figures: &PlotData) {

@@ -224,7 +224,7 @@ fn chosen(before: &[Predicted], after: &[Predicted], data: &[Trajectory], joint:
         let errors = (0..w.position.len() / n).map(|k| (w.position[k * n + joint], measured(w, k))).filter(|(_, y)| y.is_finite());
         let (sum, count) = errors.fold((0.0, 0.0), |(s, c), (x, y)| (s + (x - y) * (x - y), c + 1.0));
         // One that diverged is worse than all others.
-        if count < 1.0 { 0.0 } else { Some((sum / count as f64).sqrt()).filter(|x| x.is_finite()).unwrap_or(f64::INFINITY) }
+        if count < 1.0 { 0.0 } else { Some((sum / count).sqrt()).filter(|x| x.is_finite()).unwrap_or(f64::INFINITY) }
     };
     let mut order: Vec<(f64, usize)> = before.iter().zip(after).enumerate().map(|(i, (w, _))| (rmse(w), i)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
