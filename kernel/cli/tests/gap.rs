@@ -74,8 +74,8 @@ impl Bench {
         let this = Self { folder: tempfile::tempdir().unwrap() };
         this.write("pendulum/object.urdf", PENDULUM);
         this.write("pendulum/model.yaml", YAML);
-        this.write("swing.csv", &csv("time,pivot.position", &swing(0.9, 0.05, 6.0)));
-        this.write("other.csv", &csv("time,pivot.position", &swing(0.6, 0.05, 6.0)));
+        this.write("swing.csv", csv("time,pivot.position", &swing(0.9, 0.05, 6.0)));
+        this.write("other.csv", csv("time,pivot.position", &swing(0.6, 0.05, 6.0)));
         this
     }
 
