@@ -1,6 +1,6 @@
 //! The workflow: known numbers first, then names, one after the other, then a second look at each.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -13,6 +13,7 @@ use crate::fit::{Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::map;
+use crate::plots::{self, PlotData, Predicted};
 use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Report, SCHEMA, Unexplained, Value, Verdict};
 use crate::response::Response;
 use crate::search::{Candidate, Search, entries};
@@ -49,6 +50,8 @@ pub struct Found {
     pub report: Report,
     /// The model, its known numbers refitted, with the effects as entries of its document.
     pub model: ObjectModel,
+    /// What the report's page draws.
+    pub figures: PlotData,
 }
 
 /// Most effects that are looked for at once.
@@ -81,6 +84,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
     let mut notes: Vec<String> =
         train.iter().chain(held_out).flat_map(|l| &l.notes).map(|n| format!("{}: {}", n.place, n.message)).collect();
+    // What holds for all recordings is said once.
+    let mut said = BTreeSet::new();
+    notes.retain(|n| said.insert(n.clone()));
     let (train, held_out) = set_aside(train, held_out, &mut notes);
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
@@ -252,7 +258,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
 
     say("predicting over windows");
-    let gap = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
+    let (gap, predicted) = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
+    let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
+    let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);
     for (effect, entry) in effects_found.iter().zip(&final_entries) {
         found.document.effects[*entry].evidence = Some(Evidence {
@@ -264,6 +272,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
         });
     }
+    found.state_in_urdf();
     let mut rejected: Vec<Reason> = lost
         .iter()
         .take(5)
@@ -287,7 +296,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         notes,
         seconds: clock.elapsed().as_secs_f64(),
     };
-    Ok(Found { report, model: found })
+    Ok(Found { report, model: found, figures })
 }
 
 fn best_three(candidates: &[Candidate], here: f64) -> String {
@@ -545,7 +554,7 @@ fn gaps(
     train: &[Trajectory],
     unseen: &[Trajectory],
     options: &Options<'_>,
-) -> Result<Gaps, GapError> {
+) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
     let n = search.names.len();
     let ranges: Vec<f64> = (0..n)
         .map(|j| {
@@ -567,12 +576,16 @@ fn gaps(
     let plants = made(FINE)?;
     // Following the data takes no finer steps than the search did.
     let followers = made(crate::search::STEP)?;
-    let on = |data: &[Trajectory]| -> Result<Gap, GapError> {
-        let figures: Vec<Figures> = plants
+    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
+        let both: Vec<(Figures, Vec<Predicted>)> = plants
             .par_iter()
             .zip(&followers)
-            .map(|(plant, follower)| Ok(Smoothed::new(follower, data, &search.noise)?.figures(plant, data, options.window, &ranges)))
+            .map(|(plant, follower)| {
+                let smoothed = Smoothed::new(follower, data, &search.noise)?;
+                Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
+            })
             .collect::<Result<_, GapError>>()?;
+        let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
         let noise = likely_noise(&followers[2], data, &search.noise, ANY)?;
         let smoothed = Smoothed::new(&followers[2], data, &search.noise)?;
         let invented = smoothed.invent(&plants[2], data, &noise, options.window, options.seed)?;
@@ -595,7 +608,15 @@ fn gaps(
                 (search.names[j].clone(), gap)
             })
             .collect();
-        Ok(Gap { before: figures[0].pooled, refitted: figures[1].pooled, after: figures[2].pooled, noise_floor: floor.pooled, per_joint })
+        let [before, refitted, after] = [0, 1, 2].map(|i| figures[i].pooled);
+        Ok((Gap { before, refitted, after, noise_floor: floor.pooled, per_joint }, predicted))
     };
-    Ok(Gaps { train: on(train)?, held_out: if unseen.is_empty() { None } else { Some(on(unseen)?) } })
+    let (train, mut predicted) = on(train)?;
+    let mut gaps = Gaps { train, held_out: None };
+    if !unseen.is_empty() {
+        let held_out;
+        (held_out, predicted) = on(unseen)?;
+        gaps.held_out = Some(held_out);
+    }
+    Ok((gaps, predicted))
 }

@@ -266,7 +266,7 @@ fn of_effect(description: &'static Description, entry: usize, prismatic: bool, v
         .collect()
 }
 
-fn number(law: &ActuatorLaw, name: &str) -> Option<f64> {
+pub(crate) fn number(law: &ActuatorLaw, name: &str) -> Option<f64> {
     match (law, name) {
         (ActuatorLaw::Torque { max_effort } | ActuatorLaw::PositionServo { max_effort, .. }, "max_effort") => Some(*max_effort),
         (ActuatorLaw::PositionServo { stiffness, .. }, "stiffness") => Some(*stiffness),

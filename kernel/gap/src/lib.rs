@@ -1,6 +1,8 @@
 //! Finds where simulation and measurement disagree, names the missing effect, adds it to the model and shows the gap shrink.
 #![forbid(unsafe_code)]
 
+mod chart;
+mod confirmed;
 mod error;
 mod find;
 mod fit;
@@ -9,10 +11,15 @@ mod hypothesis;
 mod map;
 mod noise;
 mod observer;
+mod page;
 mod plant;
+pub mod plots;
 mod predict;
 pub mod report;
 mod response;
+#[cfg(test)]
+#[allow(clippy::panic)]
+mod round_trip;
 mod search;
 mod starts;
 #[cfg(test)]
@@ -23,6 +30,7 @@ mod windows;
 pub use error::GapError;
 pub use find::{Found, Options, find};
 pub use flexible::Region;
+pub use page::page;
 pub use predict::predict;
 pub use report::Report;
 pub use windows::Figures;

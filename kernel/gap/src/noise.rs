@@ -56,11 +56,11 @@ pub(crate) fn inertias(plant: &Plant, trajectories: &[Trajectory]) -> Vec<f64> {
     let multibody = plant.system.multibody();
     let n = multibody.nv();
     let mut q = plant.system.state().q;
-    for j in 0..n {
+    for (j, q) in q.iter_mut().enumerate() {
         let mut seen: Vec<f64> = trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite()).collect();
         seen.sort_by(f64::total_cmp);
         if let Some(middle) = seen.get(seen.len() / 2) {
-            q[j] = *middle;
+            *q = *middle;
         }
     }
     let mut ws = multibody.workspace();

@@ -176,7 +176,7 @@ pub(crate) fn smooth(run: &mut Run, trajectory: &Trajectory, gains: &Gains) {
             let (here, next) = (k * n + j, (k + 1) * n + j);
             let ([a, b, c], [d, e, f]) = (gains.after[here], gains.before[next]);
             let determinant = d * f - e * e;
-            if !(determinant > 0.0) {
+            if determinant.is_nan() || determinant <= 0.0 {
                 continue;
             }
             // P F^T inverse(P-), F = [1 h; 0 1].

@@ -386,7 +386,7 @@ fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
 /// Cycles a turn at which the lacking force repeats over position.
 fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     let range = high - low;
-    if rows.is_empty() || !(range > 0.0) {
+    if rows.is_empty() || range.is_nan() || range <= 0.0 {
         return Vec::new();
     }
     // From two periods over the range to what 400 bins can show.

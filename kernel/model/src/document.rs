@@ -167,6 +167,9 @@ pub struct EffectEntry {
     /// What is chosen by a word and not by a number, for example `shape: inverse_square`; the effect's default where it is not given.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub choices: BTreeMap<String, String>,
+    /// The URDF's `<dynamics>` states the same number for other programs; the one that counts is this one.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub in_urdf: bool,
     /// Why it is believed, where it was found in data.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evidence: Option<Evidence>,
@@ -242,6 +245,11 @@ pub enum ActuatorLaw {
         #[serde(default = "unlimited", skip_serializing_if = "is_unlimited")]
         max_voltage: f64,
     },
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 fn unlimited() -> f64 {

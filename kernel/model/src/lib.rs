@@ -14,6 +14,7 @@ mod error;
 mod mesh;
 mod model;
 mod shape;
+mod stated;
 mod text;
 mod urdf;
 mod validate;

@@ -166,8 +166,18 @@ impl ObjectModel {
             return crate::urdf::read(path, Document::default());
         }
         let text = read_text(&document_path, DOCUMENT_BYTES)?;
-        let model = crate::urdf::read(path, Document::parse(&text, &document_path)?)?;
+        let mut model = crate::urdf::read(path, Document::parse(&text, &document_path)?)?;
         crate::validate::check(&model, &document_path, &text)?;
+        crate::stated::take_out(&mut model).map_err(|(effect, message)| {
+            let effect = &model.document.effects[effect];
+            let joint = effect.joint.as_deref().unwrap_or_default();
+            ModelError::Impossible {
+                path: document_path.clone(),
+                line: crate::document::line_of(&text, &effect.effect),
+                place: format!("effect '{}' of joint '{joint}'", effect.effect),
+                message,
+            }
+        })?;
         Ok(model)
     }
 
@@ -183,6 +193,13 @@ impl ObjectModel {
     ///
     /// Errors: a file that cannot be written.
     pub fn write(&self, folder: impl AsRef<Path>) -> Result<(), ModelError> {
+        self.write_as(folder, URDF_FILE)
+    }
+
+    /// The same, with another name for the URDF. [`Self::read_urdf`] of it finds the document and the meshes.
+    ///
+    /// Errors: a file that cannot be written.
+    pub fn write_as(&self, folder: impl AsRef<Path>, urdf: &str) -> Result<(), ModelError> {
         let folder = folder.as_ref();
         let store = |path: PathBuf, bytes: &[u8]| {
             let write = || {
@@ -201,7 +218,7 @@ impl ObjectModel {
             store(folder.join(name), &bytes)?;
         }
         store(folder.join(DOCUMENT_FILE), self.document.to_yaml()?.as_bytes())?;
-        store(folder.join(URDF_FILE), self.to_urdf().as_bytes())
+        store(folder.join(urdf), self.to_urdf().as_bytes())
     }
 
     /// The names that the model's mesh files have in a folder of its own: those inside the model's folder keep theirs, others

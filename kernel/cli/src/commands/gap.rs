@@ -1,8 +1,9 @@
 use std::path::{Path, PathBuf};
 
 use sagci_gap::report::{Report, Verdict};
-use sagci_gap::{GapError, Options, find};
-use sagci_model::ObjectModel;
+use sagci_gap::{Found, GapError, Options, find, page};
+use sagci_library::Evidence;
+use sagci_model::{DOCUMENT_FILE, ObjectModel, URDF_FILE};
 use sagci_recording::Log;
 
 use crate::arguments::{Angles, Format, Gap, Places};
@@ -15,18 +16,35 @@ fn wrong(error: GapError) -> CliError {
     CliError::Other(error.to_string())
 }
 
+/// A model, and where it came from.
+pub struct Given {
+    pub model: ObjectModel,
+    /// Its name and version in the library; none for a path.
+    stored: Option<(String, String)>,
+}
+
 /// A model by its name in the library, or by a path.
-pub fn model(text: &str, places: &Places) -> Result<ObjectModel, CliError> {
+pub fn model(text: &str, places: &Places) -> Result<Given, CliError> {
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
+    let by_path = |model: Result<ObjectModel, _>| model.map(|model| Given { model, stored: None });
     let path = Path::new(text);
     if path.is_file() {
-        return ObjectModel::read_urdf(path).map_err(|e| other(&e));
+        return by_path(ObjectModel::read_urdf(path)).map_err(|e| other(&e));
     }
-    if path.join("object.urdf").is_file() {
-        return ObjectModel::read(path).map_err(|e| other(&e));
+    if path.join(URDF_FILE).is_file() {
+        return by_path(ObjectModel::read(path)).map_err(|e| other(&e));
+    }
+    if path.is_dir() && text.contains(['/', '\\', '.']) {
+        return Err(CliError::Other(format!("{text}: has no {URDF_FILE}; name the URDF itself")));
+    }
+    if text.contains(['/', '\\', '.']) {
+        return Err(CliError::Other(format!(
+            "{text}: there is no such file; MODEL is a URDF, a folder with an {URDF_FILE}, or an object's name"
+        )));
     }
     let library = place::library(places, None)?;
-    library.get(text).map(|stored| stored.model.as_ref().clone()).map_err(|e| other(&e))
+    let stored = library.get(text).map_err(|e| other(&e))?;
+    Ok(Given { model: stored.model.as_ref().clone(), stored: Some((text.to_owned(), stored.version.to_string())) })
 }
 
 /// The recordings of a model.
@@ -41,45 +59,96 @@ pub fn logs(paths: &[PathBuf], model: &ObjectModel, angles: Option<Angles>) -> R
 
 /// `sagci gap`.
 pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
-    let given = model(&arguments.model, &arguments.places)?;
+    let Given { model: given, stored } = model(&arguments.model, &arguments.places)?;
+    // What cannot be done is said before the work.
+    if arguments.apply && stored.is_none() {
+        return Err(CliError::Other(format!(
+            "--apply publishes a new version of an object of the library, and {} is a path: take it in with `sagci models add FOLDER`, then \
+             give its name, `sagci gap {} ... --apply`; or leave --apply and take the model from --out",
+            arguments.model, given.name
+        )));
+    }
+    if let Some(folder) = &arguments.out {
+        check_folder(folder, &given)?;
+    }
     let train = logs(&arguments.data, &given, arguments.angles)?;
     let held_out = if arguments.held_out.is_empty() { Vec::new() } else { logs(&arguments.held_out, &given, arguments.angles)? };
     let progress = |text: &str| eprintln!("{text} ...");
     let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress) };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
-    if arguments.apply {
-        let library = place::library(&arguments.places, None)?;
-        let unconfirmed: Vec<&str> = found.report.effects.iter().filter(|e| !e.confirmed).map(|e| e.name.as_str()).collect();
-        if found.report.effects.is_empty() {
-            eprintln!("nothing was named: no new version");
-        } else if !unconfirmed.is_empty() && !arguments.accept_unconfirmed {
-            eprintln!(
-                "not published: held-out data do not confirm {}; --accept-unconfirmed publishes it all the same",
-                unconfirmed.join(", ")
-            );
-        } else {
-            let version = library.publish_model(&given.name, &found.model, &[]).map_err(|e| CliError::Other(e.to_string()))?;
-            found.report.model = version.to_string();
-        }
+    if let Some(folder) = &arguments.out {
+        found.report.model = folder.join("model.urdf").display().to_string();
     }
-    let json = serde_json::to_string_pretty(&found.report).map_err(|e| CliError::Other(e.to_string()))? + "\n";
+    // The answer is told also where it could not be published.
+    let published = match &stored {
+        Some((name, version)) if arguments.apply => publish(&mut found, name, version, arguments),
+        _ => Ok(()),
+    };
+    let json = json(&found.report)?;
     if let Some(folder) = &arguments.out {
         let write = |name: &str, text: &str| {
             let path = folder.join(name);
-            std::fs::create_dir_all(folder)
-                .and_then(|()| std::fs::write(&path, text))
-                .map_err(|source| CliError::File { path: path.clone(), source })
+            std::fs::write(&path, text).map_err(|source| CliError::File { path, source })
         };
-        let yaml = found.model.document.to_yaml().map_err(|e| CliError::Other(e.to_string()))?;
+        std::fs::create_dir_all(folder).map_err(|source| CliError::File { path: folder.clone(), source })?;
+        found.model.write_as(folder, "model.urdf").map_err(|e| CliError::Other(e.to_string()))?;
+        write("report.html", &page(&given.name, &found))?;
         write("gap.json", &json)?;
-        write("model.urdf", &found.model.to_urdf())?;
-        write("model.yaml", &yaml)?;
     }
     match arguments.format {
         Format::Json => print(&json),
         Format::Text => print(&text(&found.report)),
     }
-    Ok(true)
+    published.map(|()| true)
+}
+
+fn json(report: &Report) -> Result<String, CliError> {
+    serde_json::to_string_pretty(report).map(|text| text + "\n").map_err(|e| CliError::Other(e.to_string()))
+}
+
+/// A model.yaml that this command did not write is never written over: the given model's own least of all.
+fn check_folder(folder: &Path, given: &ObjectModel) -> Result<(), CliError> {
+    let same = |a: &Path, b: &Path| a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b);
+    let own = if given.folder.as_os_str().is_empty() { Path::new(".") } else { &given.folder };
+    if same(folder, own) || folder.join(DOCUMENT_FILE).is_file() && !folder.join("gap.json").is_file() {
+        let message = format!("{}: holds another model, which would be written over; give --out a new folder", folder.display());
+        return Err(CliError::Other(message));
+    }
+    if folder.exists() && !folder.is_dir() {
+        return Err(CliError::Other(format!("{}: is a file; --out takes a folder", folder.display())));
+    }
+    Ok(())
+}
+
+/// Publishes what was found, and says in the report what became of it.
+fn publish(found: &mut Found, name: &str, version: &str, arguments: &Gap) -> Result<(), CliError> {
+    let doubted: Vec<String> = found.report.effects.iter().filter(|e| !e.confirmed).map(|e| e.name.clone()).collect();
+    let mut say = |message: String| {
+        eprintln!("{message}");
+        found.report.notes.push(message);
+    };
+    if found.report.effects.is_empty() {
+        say("nothing was named: no new version is published".into());
+        return Ok(());
+    }
+    if !doubted.is_empty() && !arguments.accept_unconfirmed {
+        let names = doubted.join(", ");
+        say(format!("held-out data do not confirm {names}: not published; --accept-unconfirmed publishes it all the same"));
+    }
+    let model = if arguments.accept_unconfirmed { Some(found.model.clone()) } else { found.confirmed() };
+    let Some(model) = model else { return Ok(()) };
+    // The same data and seed give the same bytes, and so the same version: how long it took and where else it was written are left out.
+    let report = Report { model: format!("{name}/{version}"), seconds: 0.0, ..found.report.clone() };
+    let kept = Found { report, ..found.clone() };
+    let evidence = [
+        Evidence { name: "gap.json".into(), bytes: json(&kept.report)?.into_bytes() },
+        Evidence { name: "report.html".into(), bytes: page(name, &kept).into_bytes() },
+    ];
+    let library = place::library(&arguments.places, None)?;
+    let published = library.publish_model(name, &model, &evidence).map_err(|e| CliError::Other(e.to_string()))?;
+    eprintln!("published as version {published} of {name}");
+    found.report.model = published.to_string();
+    Ok(())
 }
 
 fn text(report: &Report) -> String {

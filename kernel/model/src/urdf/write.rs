@@ -35,7 +35,7 @@ pub(crate) fn to_urdf(model: &ObjectModel, mesh_name: impl Fn(&std::path::Path) 
         }
         out.push_str("  </link>\n");
     }
-    for j in &model.joints {
+    for (i, j) in model.joints.iter().enumerate() {
         let kind = match j.kind {
             JointKind::Fixed => "fixed",
             JointKind::Revolute => "revolute",
@@ -54,8 +54,9 @@ pub(crate) fn to_urdf(model: &ObjectModel, mesh_name: impl Fn(&std::path::Path) 
             let JointLimits { lower, upper, velocity, effort } = j.limits;
             let _ = writeln!(out, "    <limit lower=\"{lower}\" upper=\"{upper}\" velocity=\"{velocity}\" effort=\"{effort}\"/>");
         }
-        if j.damping != 0.0 || j.friction != 0.0 {
-            let _ = writeln!(out, "    <dynamics damping=\"{}\" friction=\"{}\"/>", j.damping, j.friction);
+        let [damping, friction] = crate::stated::of_joint(model, i);
+        if damping != 0.0 || friction != 0.0 {
+            let _ = writeln!(out, "    <dynamics damping=\"{damping}\" friction=\"{friction}\"/>");
         }
         if let Some(m) = &j.mimic {
             let followed = escape(&model.joints[m.joint].name);

@@ -180,3 +180,48 @@ fn an_effect_keeps_its_numbers_and_its_choices() {
     std::fs::write(&path, written).unwrap();
     assert_eq!(sagci_model::Document::read(&path).unwrap(), document);
 }
+
+#[test]
+fn friction_that_urdf_can_say_stands_in_both_files_and_counts_once() {
+    let text = r#"<robot name="door"><link name="frame"/><link name="leaf"><inertial><mass value="2"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="hinge" type="continuous"><parent link="frame"/><child link="leaf"/><axis xyz="0 0 1"/><dynamics friction="0.4"/></joint>
+        <joint name="flap" type="continuous"><parent link="leaf"/><child link="flap_leaf"/><axis xyz="0 0 1"/></joint>
+        <link name="flap_leaf"/></robot>"#;
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("object.urdf"), text).unwrap();
+    let mut model = ObjectModel::read(folder.path()).unwrap();
+    let mut add = |effect: &str, joint: &str, parameter: &str, value: f64| {
+        let parameters = [(parameter.to_owned(), value)].into();
+        let joint = Some(joint.to_owned());
+        model.document.effects.push(sagci_model::EffectEntry { effect: effect.into(), joint, parameters, ..Default::default() });
+    };
+    add("viscous_friction", "hinge", "damping", 0.1 + 0.2);
+    // The URDF has a number of its own here: a second one would have to be told from it.
+    add("coulomb_friction", "hinge", "friction", 0.7);
+    add("coulomb_friction", "flap", "friction", 1.0 / 3.0);
+    add("joint_spring", "flap", "stiffness", 2.0);
+    model.state_in_urdf();
+    assert_eq!(model.document.effects.iter().map(|e| e.in_urdf).collect::<Vec<_>>(), [true, false, true, false]);
+
+    let out = folder.path().join("out");
+    model.write(&out).unwrap();
+    let urdf = std::fs::read_to_string(out.join("object.urdf")).unwrap();
+    assert!(urdf.contains(&format!("<dynamics damping=\"{}\" friction=\"0.4\"/>", 0.1 + 0.2)), "{urdf}");
+    assert!(urdf.contains(&format!("<dynamics damping=\"0\" friction=\"{}\"/>", 1.0 / 3.0)), "{urdf}");
+    // In memory each number is there once.
+    let again = ObjectModel::read(&out).unwrap();
+    assert_same(&model, &again);
+    assert_eq!((again.joints[0].damping, again.joints[0].friction, again.joints[1].friction), (0.0, 0.4, 0.0));
+
+    // One of the two was changed: nobody can say which one holds.
+    let refused = |urdf: &str, yaml: &str, words: &[&str]| {
+        std::fs::write(out.join("object.urdf"), urdf).unwrap();
+        std::fs::write(out.join("model.yaml"), yaml).unwrap();
+        let error = ObjectModel::read(&out).unwrap_err().to_string();
+        assert!(words.iter().all(|w| error.contains(w)), "{error}");
+    };
+    let yaml = std::fs::read_to_string(out.join("model.yaml")).unwrap();
+    refused(&urdf.replace("damping=\"0.3", "damping=\"0.5"), &yaml, &["hinge", "make them equal"]);
+    refused(&urdf, &yaml.replace("effect: joint_spring", "in_urdf: true\n  effect: joint_spring"), &["joint_spring", "can only say"]);
+}
