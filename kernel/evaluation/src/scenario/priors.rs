@@ -289,7 +289,7 @@ pub(crate) fn draw(name: &str, joint: &str, scale: &Scale, level: usize, rng: &m
         joint: (name != "unmodelled_mode").then(|| joint.into()),
         parameters: p.into_iter().map(|(k, v)| (k.to_owned(), v)).collect(),
         choices,
-        evidence: None,
+        ..EffectEntry::default()
     })
 }
 
