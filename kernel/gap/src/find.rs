@@ -13,10 +13,11 @@ use crate::fit::{Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::map;
+use crate::noise;
 use crate::plots::{self, PlotData, Predicted};
 use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Report, SCHEMA, Unexplained, Value, Verdict};
 use crate::response::Response;
-use crate::search::{Candidate, Search, entries};
+use crate::search::{Candidate, FLOOR, Search, entries};
 use crate::trajectory::Trajectory;
 use crate::windows::{ANY, Figures, Smoothed, likely_noise};
 
@@ -242,7 +243,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let typical = search.typical_force();
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
-        let counts = n.evidence > 2.0 * CONVINCING && n.force > crate::search::FLOOR * typical[joint] && share > NEGLIGIBLE;
+        let counts = n.evidence > 2.0 * CONVINCING && n.force > FLOOR * typical[joint] && share > NEGLIGIBLE;
         (counts || nameless_won && chosen.is_empty()).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
@@ -577,19 +578,21 @@ fn gaps(
     // Following the data takes no finer steps than the search did.
     let followers = made(crate::search::STEP)?;
     let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
+        // By the data alone, so that anyone who has them finds the same figures.
+        let noise = noise::of_motion(data, n, FLOOR);
         let both: Vec<(Figures, Vec<Predicted>)> = plants
             .par_iter()
             .zip(&followers)
             .map(|(plant, follower)| {
-                let smoothed = Smoothed::new(follower, data, &search.noise)?;
+                let smoothed = Smoothed::new(follower, data, &noise)?;
                 Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
-        let noise = likely_noise(&followers[2], data, &search.noise, ANY)?;
-        let smoothed = Smoothed::new(&followers[2], data, &search.noise)?;
-        let invented = smoothed.invent(&plants[2], data, &noise, options.window, options.seed)?;
-        let floor = Smoothed::new(&followers[2], &invented, &search.noise)?.figures(&plants[2], &invented, options.window, &ranges);
+        let likely = likely_noise(&followers[2], data, &noise, ANY)?;
+        let smoothed = Smoothed::new(&followers[2], data, &noise)?;
+        let invented = smoothed.invent(&plants[2], data, &likely, options.window, options.seed)?;
+        let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {
                 let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];

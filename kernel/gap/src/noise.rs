@@ -1,5 +1,6 @@
 //! How noisy the data are, from the data alone.
 
+use crate::observer::Noise;
 use crate::plant::Plant;
 use crate::trajectory::{Drive, Trajectory};
 
@@ -72,6 +73,16 @@ pub(crate) fn inertias(plant: &Plant, trajectories: &[Trajectory]) -> Vec<f64> {
     let Some(factor) = nalgebra::Cholesky::new(mass) else { return vec![1.0; n] };
     let inverse = factor.inverse();
     (0..n).map(|j| 1.0 / inverse[(j, j)]).collect()
+}
+
+/// What the data alone say, whatever the model: the noise of positions, and a share of the motion's accelerations.
+pub(crate) fn of_motion(trajectories: &[Trajectory], joints: usize, share: f64) -> Noise {
+    // With so much inertia, inputs accelerate nothing.
+    let moved = accelerations(trajectories, &vec![f64::INFINITY; joints]);
+    Noise {
+        position: (0..joints).map(|j| of_positions(trajectories, j)).collect(),
+        acceleration: moved.iter().map(|a| share * a).collect(),
+    }
 }
 
 /// Typical acceleration of each joint: of its motion, or of what its input would give it, whichever is more.

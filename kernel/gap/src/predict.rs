@@ -6,7 +6,8 @@ use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
 use crate::GapError;
-use crate::search::Search;
+use crate::noise;
+use crate::search::{FLOOR, STEP, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::Smoothed;
 
@@ -19,7 +20,9 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let search = Search::new(model, &trajectories)?;
     let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::find::FINE)?;
-    let smoothed = Smoothed::new(&plant, &trajectories, &search.noise)?;
+    let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
+    let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
+    let smoothed = Smoothed::new(&follower, &trajectories, &noise)?;
     let mut text = String::from("time,window");
     for name in &search.names {
         // Writing to a text cannot fail.

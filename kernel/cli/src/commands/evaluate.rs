@@ -1,4 +1,5 @@
 use sagci_evaluation as evaluation;
+use sagci_library::Library;
 
 use crate::arguments::{Evaluate, Format, Suite};
 use crate::commands::print;
@@ -9,7 +10,12 @@ use crate::place;
 pub fn evaluate(command: &Evaluate) -> Result<bool, CliError> {
     let Evaluate::Gap { suite, seed, only, out, format, places } = command;
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
-    let arm = place::library(places, None).ok().and_then(|l| l.get("panda").ok()).map(|stored| stored.model.as_ref().clone());
+    // Whatever robot the library holds.
+    let robot = |library: &Library| {
+        let all = library.names().ok()?.into_iter().filter_map(|name| library.get(&name).ok());
+        all.map(|stored| stored.model.as_ref().clone()).find(|m| m.document.robot.is_some())
+    };
+    let arm = place::library(places, None).ok().and_then(|library| robot(&library));
     let options = evaluation::Options {
         suite: match suite {
             Suite::Slice => evaluation::Suite::Slice,
