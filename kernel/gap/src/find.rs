@@ -103,9 +103,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let mut current = base.clone();
     let mut scale = search.scale(&base);
     let mut chosen: Vec<Choice> = Vec::new();
-    let mut lost: Vec<Candidate> = Vec::new();
+    let mut lost: Vec<(&str, f64)> = Vec::new();
     let mut nameless_won = false;
-    let mut contradicted: Vec<Reason> = Vec::new();
     while chosen.len() < MOST {
         say(&format!("looking for {} missing effect", if chosen.is_empty() { "a" } else { "another" }));
         let mut candidates = search.stage(&current, scale)?;
@@ -126,13 +125,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         scale = next;
         search.rank(&mut candidates, scale);
         let here = search.evidence(&current, scale);
-        // What held-out data contradict is not there, however well it fits.
-        while let Some(unseen) =
-            candidates.first().filter(|c| c.evidence - here > CONVINCING).and_then(|c| search.unseen_of(&c.fit, &current, &unseen, scale))
-            && unseen.contradicts()
-        {
-            contradicted.push(unseen.reason(candidates.remove(0).effect));
-        }
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
@@ -140,11 +132,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
         if gain < CONVINCING {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
-            lost = candidates;
+            lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
         }
+        let explained = search.explained(&current, &best.fit, scale);
         current = best.fit.clone();
-        chosen.push(Choice::new(&candidates, here, without_name));
+        chosen.push(Choice::new(&candidates, here, without_name, explained));
     }
 
     // A second look at each, now that the others are there.
@@ -167,16 +160,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
                 current = best.fit.clone();
-                let choice = Choice::new(&candidates, without, chosen[at].nameless);
+                let choice = Choice::new(&candidates, without, chosen[at].nameless, search.explained(&less, &current, scale));
                 chosen.remove(at);
                 chosen.push(choice);
                 at = 0;
-                if candidates.len() > 40 {
-                    break;
-                }
                 continue;
             }
             chosen[at].around(&candidates, with, without);
+            chosen[at].explained = search.explained(&less, &current, scale);
             at += 1;
         }
         // The order of entries is that of the numbers in the hypothesis.
@@ -193,7 +184,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let refitted = if chosen.is_empty() { current.clone() } else { restart(&base)? };
     scale = search.scale(&current);
 
-    // Data that no fit has seen. What they contradict is not there.
+    // Data that no fit and no choice has seen have a veto, once, over names that are settled: what they contradict is not there.
+    let mut contradicted: Vec<Reason> = Vec::new();
     let mut confirmed: Vec<Unseen> = Vec::new();
     while !unseen.is_empty() && !chosen.is_empty() {
         confirmed = search.on_unseen(&current, &refitted, &unseen, scale)?;
@@ -274,14 +266,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         });
     }
     found.state_in_urdf();
-    let mut rejected: Vec<Reason> = lost
-        .iter()
-        .take(5)
-        .map(|c| Reason {
-            name: c.effect.into(),
-            reason: format!("evidence e^{:.1} against the model without it", c.evidence - search_evidence(&lost, c)),
-        })
-        .collect();
+    let refused = |(name, gain): &(&str, f64)| Reason {
+        name: (*name).into(),
+        reason: format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} is asked for"),
+    };
+    let mut rejected: Vec<Reason> = lost.iter().take(5).map(refused).collect();
     rejected.extend(contradicted);
     let report = Report {
         schema: SCHEMA,
@@ -303,10 +292,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 fn best_three(candidates: &[Candidate], here: f64) -> String {
     let all: Vec<String> = candidates.iter().take(3).map(|c| format!("{} ({:+.1})", c.effect, c.evidence - here)).collect();
     all.join(", ")
-}
-
-fn search_evidence(all: &[Candidate], of: &Candidate) -> f64 {
-    all.first().map_or(of.evidence, |f| f.evidence)
 }
 
 /// Whole trajectories for a check, where none are given: never samples of one.
@@ -356,12 +341,14 @@ pub(crate) struct Choice {
     /// Evidence over the model without it, and that of a force without a name.
     pub gain: f64,
     pub nameless: f64,
+    /// Share of the errors' squares, beyond noise, that it takes away.
+    pub explained: f64,
 }
 
 impl Choice {
-    fn new(candidates: &[Candidate], here: f64, nameless: f64) -> Self {
+    fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
         let best = candidates[0].clone();
-        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless };
+        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless, explained };
         this.around(candidates, this.best.evidence, here);
         this
     }
@@ -384,6 +371,12 @@ impl<'a> Search<'a> {
             c.evidence = self.evidence(&c.fit, scale);
         }
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    }
+
+    /// Share of the squared errors, beyond noise, that one fit takes away from another's.
+    fn explained(&self, less: &Fit, more: &Fit, scale: f64) -> f64 {
+        let noise = scale * scale * self.problem.measured() as f64;
+        ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 
     /// The noise under which a fit's errors are most likely, if that is not the one assumed.
@@ -525,7 +518,7 @@ impl<'a> Search<'a> {
             evidence: EffectEvidence {
                 log_bayes_factor: choice.gain,
                 log_bayes_factor_nameless: choice.gain - choice.nameless,
-                explained: 0.0,
+                explained: choice.explained,
                 held_out,
             },
             runners_up: runners_up.collect(),

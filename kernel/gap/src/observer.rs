@@ -36,7 +36,7 @@ pub(crate) struct Gains {
     after: Vec<[f64; 3]>,
 }
 
-/// First guess of velocities, in shares of what the range and the sampling suggest.
+/// How far a first position may be off before anything is known, rad or m: an encoder's offset, and more. A first velocity, 1 rad/s or m/s.
 const FIRST_POSITION: f64 = 0.03;
 
 impl Gains {
@@ -110,7 +110,7 @@ pub(crate) struct Run {
 }
 
 /// Runs a plant along a trajectory. `errors` gets one normalised prediction error by row and joint, zero where nothing was measured.
-/// `z` are the inner states to start from, and those at the end.
+/// Inner states start at zero, unless the trajectory goes on where the one before it ended: then they are those of `motion`.
 pub(crate) fn run(
     plant: &Plant,
     trajectory: &Trajectory,
