@@ -14,12 +14,13 @@ use crate::flexible::{self, Nameless};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::map;
 use crate::noise;
+use crate::observer::Disturbance;
 use crate::plots::{self, PlotData, Predicted};
 use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Report, SCHEMA, Unexplained, Value, Verdict};
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, Search, entries};
 use crate::trajectory::Trajectory;
-use crate::windows::{ANY, Figures, Smoothed, likely_noise};
+use crate::windows::{Figures, Smoothed, likely_noise};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -128,7 +129,17 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
+        let force = search.force_between(&current, &best.fit)?;
         let nameless = search.nameless(&current, scale)?;
+        let noise = &search.problem.disturbance;
+        say(&format!(
+            "  force {:.3} %, scale {scale:.3}, floor x{:.2}, position noise {:.2e}, effort noise {:.2e}, without name {:?}",
+            100.0 * force,
+            noise.acceleration[0] / search.floor[0],
+            noise.position[0],
+            noise.effort[0],
+            nameless.as_ref().map(|(_, n)| (n.evidence, n.over)),
+        ));
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
         if gain < CONVINCING {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
@@ -177,8 +188,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     }
 
     say("fitting to the end");
-    let fine = Problem::new(&trajectories, &search.noise, &search.problem.limits, FINE);
-    search.problem = fine;
+    search.finer();
     let restart = |fit: &Fit| Fit::start(&search.problem, fit.hypothesis.clone())?.finish(&search.problem, scale, None);
     current = restart(&current)?;
     let refitted = if chosen.is_empty() { current.clone() } else { restart(&base)? };
@@ -379,16 +389,40 @@ impl<'a> Search<'a> {
         ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 
-    /// The noise under which a fit's errors are most likely, if that is not the one assumed.
-    fn likelier_noise(&self, fit: &Fit) -> Result<Option<crate::observer::Noise>, GapError> {
-        let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise, [1.0, MOST_NOISE])?;
-        Ok((noise != self.noise).then_some(noise))
+    /// Size of the force by which two fits differ, beyond what the known numbers can make of it: RMS, as a share of the joint's typical
+    /// force, on the joint where it is largest.
+    fn force_between(&self, less: &Fit, more: &Fit) -> Result<f64, GapError> {
+        let runs = self.runs(less)?;
+        let typical = self.typical_force();
+        let change = &less.errors - &more.errors;
+        let size = |j: usize| {
+            let force = Response::new(self, less, &runs, j, 1.0).lacking(&change);
+            (force.iter().map(|f| f * f).sum::<f64>() / force.len() as f64).sqrt() / typical[j]
+        };
+        Ok((0..self.names.len()).map(size).fold(0.0, f64::max))
     }
 
-    fn with_noise(self, noise: crate::observer::Noise) -> Self {
-        let problem = Problem::new(self.problem.trajectories, &noise, &self.problem.limits, self.problem.step);
-        Self { problem, noise, ..self }
+    /// The disturbance under which a fit's errors are most likely, if that is not the one assumed.
+    fn likelier_noise(&self, fit: &Fit) -> Result<Option<Disturbance>, GapError> {
+        let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
+        let now = &self.problem.disturbance;
+        // How often the floor has been raised already.
+        let raised = now.acceleration[0] / self.floor[0];
+        let inverse = self.problem.inverse_mass(&plant);
+        let behind = |factors: [f64; 3]| now.times(factors).behind(&inverse);
+        let factors = likely_noise(&plant, self.problem.trajectories, &behind, [1.0, MOST_NOISE / raised]);
+        Ok((factors != [1.0; 3]).then(|| now.times(factors)))
+    }
+
+    fn with_noise(self, disturbance: Disturbance) -> Self {
+        let problem = Problem::new(self.problem.trajectories, disturbance, &self.problem.limits, self.problem.step);
+        Self { problem, ..self }
+    }
+
+    /// The same problem in finer steps.
+    fn finer(&mut self) {
+        let Problem { trajectories, disturbance, limits, .. } = &self.problem;
+        self.problem = Problem::new(trajectories, disturbance.clone(), limits, FINE);
     }
 
     /// The most likely force without a name, and its joint.
@@ -414,7 +448,7 @@ impl<'a> Search<'a> {
         for (j, name) in self.names.iter().enumerate() {
             let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
             let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
-            if high - low > 20.0 * self.noise.position[j] && high > low {
+            if high - low > 20.0 * self.problem.disturbance.position[j] && high > low {
                 moves = true;
             } else if low <= high {
                 notes.push(format!("{name}: does not move in these data"));
@@ -444,7 +478,8 @@ impl<'a> Search<'a> {
 
     /// What unseen data say of one fit against another; none where there are no such data, or where one cannot follow them.
     fn unseen_of(&self, with: &Fit, without: &Fit, unseen: &[Trajectory], scale: f64) -> Option<Unseen> {
-        let problem = Problem::new(unseen, &self.noise, &self.problem.limits, self.problem.step);
+        let Problem { disturbance, limits, step, .. } = &self.problem;
+        let problem = Problem::new(unseen, disturbance.clone(), limits, *step);
         let errors = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).ok();
         let (with, without) = (errors(with)?, errors(without)?);
         let weight = 0.5 / (scale * scale);
@@ -582,7 +617,7 @@ fn gaps(
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
-        let likely = likely_noise(&followers[2], data, &noise, ANY)?;
+        let likely = noise.likely(&followers[2], data);
         let smoothed = Smoothed::new(&followers[2], data, &noise)?;
         let invented = smoothed.invent(&plants[2], data, &likely, options.window, options.seed)?;
         let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);

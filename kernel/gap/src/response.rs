@@ -53,7 +53,7 @@ impl Response {
     pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize, scale: f64) -> Self {
         let n = search.names.len();
         let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
-        for ((trajectory, all), run) in search.problem.trajectories.iter().zip(&search.problem.gains).zip(runs) {
+        for (trajectory, run) in search.problem.trajectories.iter().zip(runs) {
             for k in 0..trajectory.rows() {
                 let i = k * n + joint;
                 let start = trajectory.starts.contains(&k);
@@ -71,7 +71,7 @@ impl Response {
                 });
                 inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
             }
-            gains.extend_from_slice(all.rows());
+            gains.extend_from_slice(run.gains.rows());
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
         let decay = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
@@ -185,7 +185,7 @@ impl Response {
         let force = |k: usize| {
             let [_, gain, deviation] = self.gains[k * n + j];
             let (h, inverse) = (self.rows[k].h, self.inverse[k * n + j]);
-            if h > 0.0 && inverse > 0.0 { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
+            if h > 0.0 && inverse > 0.0 && deviation.is_finite() { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
         };
         (0..self.rows.len()).map(force).collect()
     }
