@@ -56,6 +56,8 @@ pub struct Found {
 const MOST: usize = 4;
 /// Logarithm of the Bayes factor that an effect needs.
 const CONVINCING: f64 = 6.0;
+/// Share of a joint's typical force that an effect needs: less is below what any model is off by.
+const MATERIAL: f64 = 0.5 * FLOOR;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -117,17 +119,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         say(&format!("  most likely: {}", best_three(&candidates, here)));
         let force = search.force_between(&current, &best.fit)?;
         let nameless = search.nameless(&current, scale)?;
-        let noise = &search.problem.disturbance;
-        say(&format!(
-            "  force {:.3} %, scale {scale:.3}, floor x{:.2}, position noise {:.2e}, effort noise {:.2e}, without name {:?}",
-            100.0 * force,
-            noise.acceleration[0] / search.floor[0],
-            noise.position[0],
-            noise.effort[0],
-            nameless.as_ref().map(|(_, n)| (n.evidence, n.over)),
-        ));
+        say(&format!("  it makes {:.2} % of the joint's typical force", 100.0 * force));
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
-        if gain < CONVINCING {
+        if gain < CONVINCING || force < MATERIAL {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;

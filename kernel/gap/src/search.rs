@@ -178,11 +178,12 @@ impl<'a> Search<'a> {
         let mut ranked: Vec<Screened> = best.into_values().collect();
         ranked.sort_by(|a, b| b.worth.total_cmp(&a.worth));
         ranked.truncate(SEMIFINALISTS);
+        // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
         let most = ranked.first().map_or(0.0, |r| r.worth);
         let mut place = 0;
         ranked.retain(|r| {
             place += 1;
-            place <= 4 || r.worth > HOPE * most
+            r.worth > -NEAR && (place <= 4 || r.worth > HOPE * most)
         });
         let quick = Effort { rounds: 2, enough: 0.5 };
         let mut ranked: Vec<Candidate> = ranked
