@@ -10,7 +10,7 @@
 //! which costs a few operations a row, where a run of the simulator costs thousands.
 
 use nalgebra::{DMatrix, DVector};
-use sagci_dynamics::effects::{Advance, Effect, HISTORY, Instant, Resistance};
+use sagci_dynamics::effects::{Effect, HISTORY, Instant};
 
 use crate::fit::Fit;
 use crate::flexible::Place;
@@ -121,21 +121,17 @@ impl Response {
     pub fn forces(&self, effect: &dyn Effect, theta: &[f64]) -> Vec<f64> {
         let inner = effect.states();
         let mut z = vec![0.0; inner + if effect.keeps_history() { 2 * HISTORY } else { 0 }];
-        let mut forces = Vec::with_capacity(self.rows.len());
+        let (mut next, mut forces) = (z.clone(), Vec::with_capacity(self.rows.len()));
         for row in &self.rows {
             if row.fresh {
                 z.fill(0.0);
             }
             let at = Instant { q: row.q, v: row.v, next: row.next, dt: row.h, input: row.input, load: row.load, time: row.time, z: &z };
-            let mut out = Resistance::default();
-            effect.resist(theta, &at, &mut out);
-            forces.push(out.total(row.next).value);
+            forces.push(effect.force(theta, &at).total(row.next));
             if inner > 0 && row.h > 0.0 {
-                let mut advance = Advance::default();
-                effect.advance(theta, &at, &mut advance);
-                for (z, next) in z.iter_mut().zip(advance.z.iter().take(inner)) {
-                    *z = next.value;
-                }
+                next.copy_from_slice(&z);
+                effect.advance_values(theta, &at, &mut next);
+                std::mem::swap(&mut z, &mut next);
             }
         }
         forces
