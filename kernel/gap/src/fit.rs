@@ -70,7 +70,8 @@ impl<'a> Problem<'a> {
 
     /// Number of errors that something was measured for.
     pub fn measured(&self) -> usize {
-        self.trajectories.iter().flat_map(|t| &t.position).filter(|y| y.is_finite()).count()
+        let counts = |t: &Trajectory| t.position.iter().zip(&t.counted).filter(|(y, counted)| y.is_finite() && **counted).count();
+        self.trajectories.iter().map(counts).sum::<usize>().max(1)
     }
 
     /// Derivatives of the errors by some of the numbers, by differences on the side where there is room.

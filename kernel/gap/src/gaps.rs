@@ -61,9 +61,10 @@ pub(crate) fn gaps(
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
+        let efforts: Vec<f64> = (0..n).map(|j| noise::of_efforts(data, j)).collect();
         let likely = noise.likely(&followers[2], data);
         let smoothed = Smoothed::new(&followers[2], data, &noise)?;
-        let invented = smoothed.invent(&plants[2], data, &likely, options.window, options.seed)?;
+        let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), options.window, options.seed)?;
         let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {

@@ -84,8 +84,6 @@ pub(crate) struct Gains {
 
 /// How far a first position may be off before anything is known, rad or m: an encoder's offset, and more. A first velocity, 1 rad/s or m/s.
 const FIRST_POSITION: f64 = 0.03;
-/// Rows after a start whose errors are not counted: they are made of what the first state was off by, in ways that no model explains.
-const BURN_IN: usize = 10;
 /// Rows by which a first velocity is taken.
 const FIRST_ROWS: usize = 6;
 
@@ -97,10 +95,9 @@ impl Gains {
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
             let q = noise.acceleration[j] * noise.acceleration[j];
-            let (mut p, mut counted) = ([0.0; 3], 0);
+            let mut p = [0.0; 3];
             for k in 0..rows {
                 if trajectory.starts.contains(&k) {
-                    counted = k + BURN_IN;
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
@@ -112,7 +109,7 @@ impl Gains {
                 if trajectory.position[at].is_finite() {
                     let s = p[0] + variance;
                     let gain = [p[0] / s, p[1] / s];
-                    gains.rows[at] = [gain[0], gain[1], if k < counted { f64::INFINITY } else { s.sqrt() }];
+                    gains.rows[at] = [gain[0], gain[1], if trajectory.counted[at] { s.sqrt() } else { f64::INFINITY }];
                     p = [p[0] * (1.0 - gain[0]), p[1] * (1.0 - gain[0]), p[2] - gain[1] * p[1]];
                 }
                 gains.after[at] = p;

@@ -19,6 +19,8 @@ pub(crate) struct Plant {
 
 /// How many times more steps are tried where one fails.
 const FINER: f64 = 8.0;
+/// Share of a velocity's change by which two ways over an interval may differ and still be near each other.
+const ORDERLY: f64 = 0.2;
 
 /// What changes while a plant moves.
 #[derive(Debug)]
@@ -26,12 +28,47 @@ pub(crate) struct Motion {
     pub state: State,
     pub ws: StepWorkspace,
     tau: Vec<f64>,
-    before: Vec<f64>,
+    /// The state that an interval begins with, and that at the end of the coarse way.
+    begin: Kept,
+    coarse: Kept,
     /// Accelerations over the last interval.
     pub acceleration: Vec<f64>,
 }
 
+/// A copy of a state.
+#[derive(Debug, Clone)]
+struct Kept {
+    q: Vec<f64>,
+    v: Vec<f64>,
+    z: Vec<f64>,
+    time: f64,
+}
+
+impl Kept {
+    fn copy_from(&mut self, state: &State, time: f64) {
+        self.q.copy_from_slice(&state.q);
+        self.v.copy_from_slice(&state.v);
+        self.z.copy_from_slice(&state.z);
+        self.time = time;
+    }
+
+    fn give_to(&self, state: &mut State) {
+        state.q.copy_from_slice(&self.q);
+        state.v.copy_from_slice(&self.v);
+        state.z.copy_from_slice(&self.z);
+        state.time = self.time;
+    }
+}
+
 impl Motion {
+    /// Steps take positions from the next velocity; over an interval the mean of old and new velocity is right to second order, so the sum
+    /// of steps of length `h` is set right by `h / 2 (v_0 - v_n)`.
+    fn set_right(&mut self, h: f64) {
+        for ((q, v), old) in self.state.q.iter_mut().zip(&self.state.v).zip(&self.begin.v) {
+            *q -= 0.5 * h * (v - old);
+        }
+    }
+
     /// Efforts of the drives in the last step.
     pub fn tau(&self) -> &[f64] {
         &self.tau
@@ -59,13 +96,9 @@ impl Plant {
 
     pub fn motion(&self) -> Motion {
         let n = self.system.multibody().nv();
-        Motion {
-            state: self.system.state(),
-            ws: self.system.workspace(),
-            tau: vec![0.0; n],
-            before: vec![0.0; n],
-            acceleration: vec![0.0; n],
-        }
+        let state = self.system.state();
+        let kept = Kept { q: state.q.clone(), v: state.v.clone(), z: state.z.clone(), time: state.time };
+        Motion { state, ws: self.system.workspace(), tau: vec![0.0; n], begin: kept.clone(), coarse: kept, acceleration: vec![0.0; n] }
     }
 
     /// Effort of the drive of joint `j` at `q`, `v`.
@@ -94,25 +127,38 @@ impl Plant {
 
     /// From row `k` to the next.
     ///
-    /// Steps take positions from the next velocity; over an interval the mean of old and new velocity is right to second order,
-    /// so the sum of the steps is set right by `h / 2 (v_0 - v_n)`.
+    /// A step is right to first order. Two ways over the interval, one in steps half as long, tell what that order leaves over, so that
+    /// `2 x_fine - x_coarse` is right to the second (Richardson 1911). Where a joint sticks, turns or hits something in either of them there
+    /// is no such order, and the finer one stands as it is.
     pub fn interval(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize) -> Result<(), GapError> {
         let n = trajectory.joints;
         let duration = trajectory.time[k + 1] - trajectory.time[k];
-        let steps = (duration / self.step - 1e-6).ceil().max(1.0);
-        motion.before.copy_from_slice(&motion.state.v);
+        let steps = (duration / (2.0 * self.step) - 1e-6).ceil().max(1.0);
+        motion.begin.copy_from(&motion.state, trajectory.time[k]);
         motion.state.time = trajectory.time[k];
-        let mut h = duration / steps;
-        if self.steps(motion, trajectory, k, h, steps as usize).is_err() {
+        let coarse = self.steps(motion, trajectory, k, duration / steps, steps as usize).is_ok();
+        motion.set_right(duration / steps);
+        motion.coarse.copy_from(&motion.state, trajectory.time[k]);
+        motion.begin.give_to(&mut motion.state);
+        let mut h = 0.5 * duration / steps;
+        if self.steps(motion, trajectory, k, h, 2 * steps as usize).is_err() {
             // A stiff effect can want shorter steps for once. The state is that at which the step failed; the rest of the interval follows.
             let rest = trajectory.time[k + 1] - motion.state.time;
             h = rest / (FINER * steps);
             self.steps(motion, trajectory, k, h, (FINER * steps) as usize)?;
+        } else if coarse {
+            motion.set_right(h);
+            for j in 0..n {
+                let (old, rough, fine) = (motion.begin.v[j], motion.coarse.v[j], motion.state.v[j]);
+                let smooth = rough * fine > 0.0 && old * fine > 0.0 && (fine - rough).abs() <= ORDERLY * (fine - old).abs();
+                if smooth {
+                    motion.state.v[j] = 2.0 * fine - rough;
+                    motion.state.q[j] = 2.0 * motion.state.q[j] - motion.coarse.q[j];
+                }
+            }
         }
         for j in 0..n {
-            let change = motion.state.v[j] - motion.before[j];
-            motion.state.q[j] -= 0.5 * h * change;
-            motion.acceleration[j] = change / duration;
+            motion.acceleration[j] = (motion.state.v[j] - motion.begin.v[j]) / duration;
         }
         Ok(())
     }

@@ -46,6 +46,7 @@ fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
             hash: String::new(),
             time: vec![t, t + 0.005],
             position: vec![0.0; 2],
+            counted: vec![true; 2],
             effort: vec![f64::NAN; 2],
             input: vec![u; 2],
             drive: vec![crate::trajectory::Drive::Effort],

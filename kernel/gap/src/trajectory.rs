@@ -7,6 +7,7 @@ use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::GapError;
+use crate::noise;
 
 /// Times closer than this are one, s.
 const SAME_TIME: f64 = 1e-6;
@@ -14,6 +15,12 @@ const SAME_TIME: f64 = 1e-6;
 const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 const CUT: (f64, f64) = (10.0, 0.1);
+
+/// Rows after a start that are not counted.
+const BURN_IN: usize = 10;
+/// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
+const REST: f64 = 0.2;
+const STILL: f64 = 1.5;
 
 /// What moves a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +41,10 @@ pub(crate) struct Trajectory {
     pub time: Vec<f64>,
     /// NaN where nothing was measured.
     pub position: Vec<f64>,
+    /// Positions by which a model is tested. Not those after a start: they show what the first state was off by, in ways that no model
+    /// explains. Not those at rest: any force that friction can hold is right there, and what noise makes of a model that is at rest, a
+    /// model that sticks does not.
+    pub counted: Vec<bool>,
     /// Measured efforts of joints that a command drives; NaN where nothing was measured.
     pub effort: Vec<f64>,
     /// What acts until the next time; NaN where a motor's circuit is open.
@@ -71,7 +82,31 @@ impl Trajectory {
         let this = Self::all(log, model)?;
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
-        if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { Ok(this.averaged(many)) } else { Ok(this) }
+        let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
+        this.counted = this.tested();
+        Ok(this)
+    }
+
+    /// Which positions a model is tested by.
+    fn tested(&self) -> Vec<bool> {
+        let (n, rows) = (self.joints, self.rows());
+        let side = ((0.5 * REST / self.period()).round() as usize).max(3);
+        let mut counted = vec![true; rows * n];
+        let mut ends = self.starts[1..].to_vec();
+        ends.push(rows);
+        for j in 0..n {
+            let noise = noise::of_positions(std::slice::from_ref(self), j);
+            for (start, end) in self.starts.iter().copied().zip(ends.iter().copied()) {
+                for k in start..end {
+                    let around = k.saturating_sub(side).max(start)..(k + side + 1).min(end);
+                    let seen: Vec<f64> = around.map(|i| self.position[i * n + j]).filter(|y| y.is_finite()).collect();
+                    let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+                    let spread = (seen.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / seen.len() as f64).sqrt();
+                    counted[k * n + j] = k >= start + BURN_IN && spread > STILL * noise;
+                }
+            }
+        }
+        counted
     }
 
     /// Means over so many rows.
@@ -182,6 +217,7 @@ impl Trajectory {
             source: log.source.clone(),
             hash: log.hash.clone(),
             time,
+            counted: Vec::new(),
             position,
             effort,
             input,

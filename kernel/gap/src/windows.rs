@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::GapError;
 use crate::observer::{self, Gains, Noise, Run};
 use crate::plant::{Motion, Plant};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Drive, Trajectory};
 
 /// One figure of the gap.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -229,13 +229,13 @@ impl Smoothed {
         Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled, rmse }
     }
 
-    /// Data that the plant itself makes under the same inputs, with the measured noise: what is left of the gap then is its floor.
+    /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
     /// The motion is put back on the measured one every few windows, so that it stays where the data are.
     pub fn invent(
         &self,
         plant: &Plant,
         trajectories: &[Trajectory],
-        noise: &Noise,
+        (noise, efforts): (&Noise, &[f64]),
         length: f64,
         seed: u64,
     ) -> Result<Vec<Trajectory>, GapError> {
@@ -270,6 +270,9 @@ impl Smoothed {
                 for j in 0..n {
                     if original.position[k * n + j].is_finite() {
                         trajectory.position[k * n + j] = plant.reading(&motion, j) + noise.position[j] * normal();
+                    }
+                    if trajectory.drive[j] == Drive::Effort {
+                        trajectory.input[k * n + j] += efforts[j] * normal();
                     }
                 }
             }
