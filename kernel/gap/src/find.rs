@@ -55,9 +55,9 @@ pub struct Found {
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
 /// Logarithm of the Bayes factor that an effect needs.
-const CONVINCING: f64 = 6.0;
-/// Share of a joint's typical force that an effect needs: less is below what any model is off by.
-const MATERIAL: f64 = 0.5 * FLOOR;
+const CONVINCING: f64 = 10.0;
+/// Share of what accelerates a joint that an effect needs: less is below what any model is off by.
+const MATERIAL: f64 = 2.0 * FLOOR;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -105,10 +105,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             base = search.refit(&base, next)?;
             current = if chosen.is_empty() { base.clone() } else { search.refit(&current, next)? };
             candidates.truncate(6);
-            candidates = candidates
-                .into_par_iter()
-                .map(|c| Ok(Candidate { fit: search.refit(&c.fit, next)?, ..c }))
-                .collect::<Result<_, GapError>>()?;
+            // One that cannot be simulated any more is out.
+            candidates =
+                candidates.into_par_iter().filter_map(|c| Some(Candidate { fit: search.refit(&c.fit, next).ok()?, ..c })).collect();
             next = candidates.iter().map(|c| search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
         }
         scale = next;
@@ -119,7 +118,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         say(&format!("  most likely: {}", best_three(&candidates, here)));
         let force = search.force_between(&current, &best.fit)?;
         let nameless = search.nameless(&current, scale)?;
-        say(&format!("  it makes {:.2} % of the joint's typical force", 100.0 * force));
+        say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
         if gain < CONVINCING || force < MATERIAL {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
@@ -225,7 +224,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let typical = search.typical_force();
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
-        let counts = n.evidence > 2.0 * CONVINCING && n.force > FLOOR * typical[joint] && share > NEGLIGIBLE;
+        let counts = n.evidence > 2.0 * CONVINCING && n.force > MATERIAL * typical[joint] && share > NEGLIGIBLE;
         (counts || nameless_won && chosen.is_empty()).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),

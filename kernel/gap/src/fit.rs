@@ -24,6 +24,9 @@ pub(crate) struct Problem<'a> {
     pub disturbance: Disturbance,
     /// Positions at which inertias are taken.
     middle: Vec<f64>,
+    /// Usual time between rows, s, and the largest efforts.
+    period: f64,
+    most: Vec<f64>,
     /// Of which joints the URDF's limits are kept.
     pub limits: Vec<bool>,
     /// Longest step, s.
@@ -33,7 +36,10 @@ pub(crate) struct Problem<'a> {
 impl<'a> Problem<'a> {
     pub fn new(trajectories: &'a [Trajectory], disturbance: Disturbance, limits: &[bool], step: f64) -> Self {
         let middle = noise::middle(trajectories, disturbance.effort.len());
-        Self { trajectories, disturbance, middle, limits: limits.to_vec(), step }
+        let period = trajectories.first().map_or(0.005, Trajectory::period);
+        let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.input.iter().skip(j).step_by(t.joints));
+        let most = (0..middle.len()).map(|j| efforts(j).filter(|u| u.is_finite()).fold(1e-6, |a: f64, u| a.max(u.abs()))).collect();
+        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step }
     }
 
     /// The filter's gains for a plant.
@@ -44,12 +50,12 @@ impl<'a> Problem<'a> {
 
     /// Noise as the filter of a plant takes it.
     pub fn noise(&self, plant: &Plant) -> Noise {
-        self.disturbance.behind(&self.inverse_mass(plant))
+        self.disturbance.behind(&self.mobility(plant))
     }
 
-    /// Inverse of a plant's mass matrix where the data mostly are, by columns.
-    pub fn inverse_mass(&self, plant: &Plant) -> Vec<f64> {
-        plant.inverse_mass_at(&self.middle)
+    /// How much efforts accelerate a plant's joints within a row, where the data mostly are, by columns.
+    pub fn mobility(&self, plant: &Plant) -> Vec<f64> {
+        plant.mobility(&self.middle, self.period, &self.most)
     }
 
     /// Normalised prediction errors of a hypothesis at `x`, trajectory by trajectory.

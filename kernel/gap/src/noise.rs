@@ -75,13 +75,58 @@ pub(crate) fn of_motion(trajectories: &[Trajectory], joints: usize, share: f64) 
     let moved = accelerations(trajectories, &vec![f64::INFINITY; joints]);
     Noise {
         position: (0..joints).map(|j| of_positions(trajectories, j)).collect(),
-        acceleration: moved.iter().map(|a| share * a).collect(),
+        share: vec![share; joints],
+        quiet: moved.iter().map(|a| QUIET * a).collect(),
+        effort: vec![0.0; joints],
+        mobility: vec![0.0; joints * joints],
     }
+}
+
+/// Share of the typical acceleration that counts as none.
+pub(crate) const QUIET: f64 = 0.1;
+
+/// Time over which second differences are taken, s.
+const SPAN: f64 = 0.1;
+
+/// RMS of a joint's accelerations around each row, from second differences of positions.
+pub(crate) fn liveliness(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
+    let y: Vec<f64> = trajectory.positions(joint).collect();
+    let width = ((SPAN / trajectory.period()).round() as usize).max(2);
+    let square = |k: usize| -> Option<f64> {
+        let a = (y.get(k + width)? - 2.0 * y[k] + y[k.checked_sub(width)?]) / (trajectory.time[k + width] - trajectory.time[k]).powi(2);
+        a.is_finite().then_some(a * a)
+    };
+    let squares: Vec<Option<f64>> = (0..y.len()).map(square).collect();
+    let around = |k: usize| {
+        let near = &squares[k.saturating_sub(width)..(k + width + 1).min(y.len())];
+        let count = near.iter().flatten().count();
+        if count > 0 { (near.iter().flatten().sum::<f64>() / count as f64).sqrt() } else { 0.0 }
+    };
+    (0..y.len()).map(around).collect()
+}
+
+/// RMS of the efforts on a joint around each row; zero where its drive alone knows them.
+pub(crate) fn strain(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
+    let n = trajectory.joints;
+    if !matches!(trajectory.drive[joint], Drive::Effort | Drive::Command(sagci_recording::CommandKind::Effort)) {
+        return vec![0.0; trajectory.rows()];
+    }
+    let width = ((SPAN / trajectory.period()).round() as usize).max(2);
+    // Sums from the first row on, so that any row's neighbours cost one difference.
+    let mut sums = vec![0.0];
+    for u in trajectory.input.iter().skip(joint).step_by(n) {
+        sums.push(sums[sums.len() - 1] + if u.is_finite() { u * u } else { 0.0 });
+    }
+    let rows = trajectory.rows();
+    let around = |k: usize| {
+        let (from, to) = (k.saturating_sub(width), (k + width + 1).min(rows));
+        ((sums[to] - sums[from]).max(0.0) / (to - from) as f64).sqrt()
+    };
+    (0..rows).map(around).collect()
 }
 
 /// Typical acceleration of each joint: of its motion, or of what its input would give it, whichever is more.
 pub(crate) fn accelerations(trajectories: &[Trajectory], inertias: &[f64]) -> Vec<f64> {
-    const SPAN: f64 = 0.1;
     (0..inertias.len())
         .map(|j| {
             let (mut moved, mut pushed, mut count, mut inputs) = (0.0, 0.0, 0.0, 0.0);

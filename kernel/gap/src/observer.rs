@@ -11,10 +11,11 @@
 //! the inertias that these act on, and on nothing else of the model. So `e` is a smooth function of the model's parameters, each error
 //! depends on the motion of a short time only, and least squares is a well-conditioned problem even where a model is far off.
 //!
-//! Two noises drive the state. What no model has is a share of the motion's own accelerations, whatever the inertia. The noise of a
-//! measured effort that drives the model is a force, and accelerates less where there is more inertia: taken as an acceleration it would
-//! make heavier models fit better, the attenuation of a slope whose regressor is noisy (Fuller 1987). It is the effort that is observed with
-//! noise, given the motion, so the density of an error is that of a force, and has no term for the inertia's own logarithm.
+//! What no model has is a share of what happens around a row, of accelerations and of efforts: where a joint hardly moves and hardly is
+//! pushed, a model is hardly off. An effort's share and the noise of a measured one are forces, and accelerate less where there is more
+//! inertia: taken as accelerations they would make heavier models fit better, the attenuation of a slope whose regressor is noisy (Fuller
+//! 1987). It is the effort that is observed with noise, given the motion, so the density of an error is that of a force, and has no term
+//! for the inertia's own logarithm.
 
 use crate::GapError;
 use crate::plant::{Motion, Plant};
@@ -25,26 +26,32 @@ use crate::trajectory::Trajectory;
 pub(crate) struct Disturbance {
     /// Of measured positions, rad or m.
     pub position: Vec<f64>,
-    /// Of accelerations that no model has, each held over one interval, rad/s^2 or m/s^2.
-    pub acceleration: Vec<f64>,
+    /// Of accelerations and efforts that no model has, each held over one interval, as a share of those around it.
+    pub share: Vec<f64>,
+    /// Accelerations that count as none, rad/s^2 or m/s^2.
+    pub quiet: Vec<f64>,
     /// Of measured efforts that drive the model, each held over one interval, N m or N.
     pub effort: Vec<f64>,
 }
 
 impl Disturbance {
-    /// What a filter sees of it behind an inverse mass matrix, by columns.
-    pub fn behind(&self, inverse_mass: &[f64]) -> Noise {
-        let n = self.effort.len();
-        let pushed = |i: usize| (0..n).map(|j| (inverse_mass[j * n + i] * self.effort[j]).powi(2)).sum::<f64>();
-        let along = |i: usize| (self.acceleration[i].powi(2) + pushed(i)).sqrt();
-        Noise { position: self.position.clone(), acceleration: (0..n).map(along).collect() }
+    /// What a filter sees of it where efforts accelerate joints so much, by columns.
+    pub fn behind(&self, mobility: &[f64]) -> Noise {
+        Noise {
+            position: self.position.clone(),
+            share: self.share.clone(),
+            quiet: self.quiet.clone(),
+            effort: self.effort.clone(),
+            mobility: mobility.to_vec(),
+        }
     }
 
     /// The same, larger by factors.
-    pub fn times(&self, [position, acceleration, effort]: [f64; 3]) -> Self {
+    pub fn times(&self, [position, share, effort]: [f64; 3]) -> Self {
         Self {
             position: times(&self.position, position),
-            acceleration: times(&self.acceleration, acceleration),
+            share: times(&self.share, share),
+            quiet: self.quiet.clone(),
             effort: times(&self.effort, effort),
         }
     }
@@ -59,14 +66,28 @@ fn times(values: &[f64], factor: f64) -> Vec<f64> {
 pub(crate) struct Noise {
     /// Of measured positions, rad or m.
     pub position: Vec<f64>,
-    /// Of accelerations that no model has, each held over one interval, rad/s^2 or m/s^2.
-    pub acceleration: Vec<f64>,
+    /// Of accelerations and efforts that no model has, each held over one interval, as a share of those around it.
+    pub share: Vec<f64>,
+    /// Accelerations that count as none, rad/s^2 or m/s^2.
+    pub quiet: Vec<f64>,
+    /// Of efforts, each held over one interval, N m or N.
+    pub effort: Vec<f64>,
+    /// How much efforts accelerate joints, by columns.
+    pub mobility: Vec<f64>,
 }
 
 impl Noise {
     /// The same, larger by factors.
-    pub fn times(&self, [position, acceleration]: [f64; 2]) -> Self {
-        Self { position: times(&self.position, position), acceleration: times(&self.acceleration, acceleration) }
+    pub fn times(&self, [position, share]: [f64; 2]) -> Self {
+        Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
+    }
+
+    /// Standard deviation of the acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2.
+    pub fn acceleration(&self, trajectory: &Trajectory, k: usize, j: usize) -> f64 {
+        let n = trajectory.joints;
+        let moved = self.share[j] * trajectory.liveliness[k * n + j].max(self.quiet[j]);
+        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(self.share[i] * trajectory.strain[k * n + i]);
+        (moved * moved + (0..n).map(|i| pushed(i).powi(2)).sum::<f64>()).sqrt()
     }
 }
 
@@ -94,13 +115,13 @@ impl Gains {
         let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero };
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
-            let q = noise.acceleration[j] * noise.acceleration[j];
             let mut p = [0.0; 3];
             for k in 0..rows {
                 if trajectory.starts.contains(&k) {
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
+                    let q = noise.acceleration(trajectory, k, j).powi(2);
                     let [a, b, c] = p;
                     p = [a + 2.0 * h * b + h * h * c + q * h.powi(4) / 4.0, b + h * c + q * h.powi(3) / 2.0, c + q * h * h];
                 }

@@ -17,6 +17,11 @@ pub(crate) struct Plant {
     pub step: f64,
 }
 
+/// Share of the time of a drive's loop that a step may take, and the shortest step, s.
+const SHARE: f64 = 0.05;
+const SHORTEST: f64 = 2e-4;
+/// Rows after which both sides of a play have met.
+const ROWS: usize = 10;
 /// How many times more steps are tried where one fails.
 const FINER: f64 = 8.0;
 /// Share of a velocity's change by which two ways over an interval may differ and still be near each other.
@@ -91,7 +96,27 @@ impl Plant {
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());
         let laws = moving.iter().map(law).collect();
-        Ok(Self { system: System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?, laws, step })
+        let mut this = Self { system: System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?, laws, step };
+        this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
+        Ok(this)
+    }
+
+    /// Fastest rate of the loops that drives close over joints, 1/s. Their efforts are taken at the start of each step.
+    fn rate(&self) -> f64 {
+        let n = self.laws.len();
+        let inverse = self.inverse_mass_at(&self.system.state().q);
+        let of = |(j, law): (usize, &Option<ActuatorLaw>)| {
+            let mobility = inverse[j * n + j];
+            let (stiffness, damping) = match law {
+                Some(ActuatorLaw::PositionServo { stiffness, damping, .. }) => (*stiffness, *damping),
+                Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. }) => {
+                    (gain.unwrap_or(0.0) * torque_constant / resistance, torque_constant * torque_constant / resistance)
+                }
+                _ => (0.0, 0.0),
+            };
+            (stiffness * mobility).sqrt().max(damping * mobility)
+        };
+        self.laws.iter().enumerate().map(of).fold(1e-9, f64::max)
     }
 
     pub fn motion(&self) -> Motion {
@@ -185,6 +210,36 @@ impl Plant {
             Some(factor) => into.extend_from_slice(factor.inverse().as_slice()),
             None => into.extend(std::iter::repeat_n(0.0, n * n)),
         }
+    }
+
+    /// How much an effort accelerates joints within a row, by columns, at the most what the inverse of the mass matrix says. Effects may
+    /// hold it back: a spring or a play that it has to go through, a friction that grows with it. So it is what a row shows after some rows
+    /// under the largest effort, when all moves and both sides of a play have met.
+    pub fn mobility(&self, q: &[f64], period: f64, most: &[f64]) -> Vec<f64> {
+        let rigid = self.inverse_mass_at(q);
+        let n = most.len();
+        let end = |input: &[f64]| -> Option<Vec<f64>> {
+            let mut row = Trajectory::steady(ROWS + 1, period, most, vec![Drive::Effort; n]);
+            let last = (ROWS - 1) * n;
+            row.input[last..last + n].copy_from_slice(input);
+            let mut motion = self.motion();
+            motion.state.q.copy_from_slice(q);
+            (0..ROWS).try_for_each(|k| self.interval(&mut motion, &row, k)).ok()?;
+            Some(motion.state.v)
+        };
+        let Some(still) = end(most) else { return rigid };
+        let mut mobility = rigid;
+        for j in 0..n {
+            let mut more = most.to_vec();
+            more[j] *= 1.01;
+            let Some(pushed) = end(&more) else { continue };
+            for i in 0..n {
+                let found = (pushed[i] - still[i]) / (0.01 * most[j] * period);
+                let bound = mobility[j * n + i].abs();
+                mobility[j * n + i] = found.clamp(-bound, bound);
+            }
+        }
+        mobility
     }
 
     /// Inverse of the mass matrix at positions, by columns.

@@ -31,17 +31,14 @@ pub(crate) struct Candidate {
 #[derive(Debug)]
 pub(crate) struct Search<'a> {
     pub problem: Problem<'a>,
-    /// Acceleration that no model has, by joint, at the least.
-    pub floor: Vec<f64>,
     /// Names of the degrees of freedom, and the model's joints.
     pub names: Vec<String>,
     pub joints: Vec<usize>,
     pub inertias: Vec<f64>,
     pub commanded: Vec<bool>,
-    pub driven: Vec<bool>,
 }
 
-/// Share of the typical acceleration that no model has.
+/// Share of the motion's accelerations that no model has.
 pub(crate) const FLOOR: f64 = 0.01;
 /// Longest step while searching, s.
 pub(crate) const STEP: f64 = 2.5e-3;
@@ -76,18 +73,16 @@ impl<'a> Search<'a> {
         let inverse = given.inverse_mass_at(&noise::middle(trajectories, n));
         let inertias: Vec<f64> = (0..n).map(|j| 1.0 / inverse[j * n + j]).collect();
         let typical = noise::accelerations(trajectories, &inertias);
-        let floor: Vec<f64> = typical.iter().map(|a| FLOOR * a).collect();
         let disturbance = Disturbance {
             position: (0..n).map(|j| noise::of_positions(trajectories, j)).collect(),
-            acceleration: floor.clone(),
+            share: vec![FLOOR; n],
+            quiet: typical.iter().map(|a| noise::QUIET * a).collect(),
             effort: (0..n).map(|j| noise::of_efforts(trajectories, j)).collect(),
         };
         let any = |test: &dyn Fn(Drive) -> bool, j: usize| trajectories.iter().any(|t| test(t.drive[j]));
         Ok(Self {
             problem: Problem::new(trajectories, disturbance, &limits, STEP),
-            floor,
             commanded: (0..n).map(|j| any(&|d| matches!(d, Drive::Command(_)), j)).collect(),
-            driven: (0..n).map(|j| any(&|d| d != Drive::Free, j)).collect(),
             names,
             joints,
             inertias,
@@ -129,8 +124,7 @@ impl<'a> Search<'a> {
             };
             for place in places {
                 let at = place.unwrap_or(0);
-                let takes_input = description.parameter("encoder").is_some();
-                let skip = !observable(description.acts, takes_input, self.commanded[at], self.driven[at])
+                let skip = !observable(description.name, self.commanded[at])
                     || description.acts == Acts::Losses && !self.wears(base, at)
                     || base
                         .hypothesis

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use sagci_dynamics::effects::Acts;
+use crate::choice::channel;
 
 /// What the data of one joint look like, seen by a model.
 #[derive(Debug, Clone)]
@@ -119,11 +119,8 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
     }
 }
 
-/// Can the effect show in data that were driven in this way?
-pub(crate) fn observable(acts: Acts, takes_input: bool, commanded: bool, driven: bool) -> bool {
-    match acts {
-        // A measured effort says nothing of what was commanded.
-        Acts::Command(_) => commanded,
-        _ => !takes_input || driven,
-    }
+/// Can the effect show in data of a joint that a command drove, or did not? A measured effort is what reached the joint: of the drive before
+/// it, it says nothing.
+pub(crate) fn observable(effect: &str, commanded: bool) -> bool {
+    commanded || channel(effect) != "actuator"
 }

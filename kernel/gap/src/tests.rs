@@ -41,19 +41,8 @@ fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
         let effort = joint.effort.as_mut().unwrap();
         effort.time.push(t);
         effort.value.push(u);
-        let one = Trajectory {
-            source: String::new(),
-            hash: String::new(),
-            time: vec![t, t + 0.005],
-            position: vec![0.0; 2],
-            counted: vec![true; 2],
-            effort: vec![f64::NAN; 2],
-            input: vec![u; 2],
-            drive: vec![crate::trajectory::Drive::Effort],
-            starts: vec![0],
-            continues: false,
-            joints: 1,
-        };
+        let mut one = Trajectory::steady(2, 0.005, &[u], vec![crate::trajectory::Drive::Effort]);
+        one.time.iter_mut().for_each(|x| *x += t);
         plant.interval(&mut motion, &one, 0).unwrap();
         motion.state.time = t + 0.005;
     }

@@ -45,6 +45,9 @@ pub(crate) struct Trajectory {
     /// explains. Not those at rest: any force that friction can hold is right there, and what noise makes of a model that is at rest, a
     /// model that sticks does not.
     pub counted: Vec<bool>,
+    /// Accelerations around each row, rad/s^2 or m/s^2, and efforts, N m or N.
+    pub liveliness: Vec<f64>,
+    pub strain: Vec<f64>,
     /// Measured efforts of joints that a command drives; NaN where nothing was measured.
     pub effort: Vec<f64>,
     /// What acts until the next time; NaN where a motor's circuit is open.
@@ -84,7 +87,15 @@ impl Trajectory {
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
         this.counted = this.tested();
+        this.liveliness = this.by_row(noise::liveliness);
+        this.strain = this.by_row(noise::strain);
         Ok(this)
+    }
+
+    /// Something of each joint, row by row.
+    fn by_row(&self, of: fn(&Self, usize) -> Vec<f64>) -> Vec<f64> {
+        let by_joint: Vec<Vec<f64>> = (0..self.joints).map(|j| of(self, j)).collect();
+        (0..self.rows()).flat_map(|k| by_joint.iter().map(move |l| l[k])).collect()
     }
 
     /// Which positions a model is tested by.
@@ -218,6 +229,8 @@ impl Trajectory {
             hash: log.hash.clone(),
             time,
             counted: Vec::new(),
+            liveliness: Vec::new(),
+            strain: Vec::new(),
             position,
             effort,
             input,
@@ -235,6 +248,26 @@ impl Trajectory {
     /// Positions of one joint, NaN where nothing was measured.
     pub fn positions(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         self.position.iter().skip(joint).step_by(self.joints).copied()
+    }
+
+    /// So many rows of one input after a start at rest.
+    pub fn steady(rows: usize, period: f64, input: &[f64], drive: Vec<Drive>) -> Self {
+        let joints = drive.len();
+        Self {
+            source: String::new(),
+            hash: String::new(),
+            time: (0..rows).map(|k| k as f64 * period).collect(),
+            position: vec![0.0; rows * joints],
+            counted: vec![true; rows * joints],
+            liveliness: vec![0.0; rows * joints],
+            strain: vec![0.0; rows * joints],
+            effort: vec![f64::NAN; rows * joints],
+            input: input.repeat(rows),
+            drive,
+            starts: vec![0],
+            continues: false,
+            joints,
+        }
     }
 
     /// Usual time between rows, s.

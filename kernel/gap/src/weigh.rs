@@ -8,7 +8,8 @@ use crate::flexible::{self, Nameless};
 use crate::gaps::FINE;
 use crate::observer::Disturbance;
 use crate::response::Response;
-use crate::search::{Candidate, Search};
+use crate::search::{Candidate, FLOOR, Search};
+use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
@@ -33,15 +34,21 @@ impl Search<'_> {
         ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 
-    /// Size of the force by which two fits differ, beyond what the known numbers can make of it: RMS, as a share of the joint's typical
-    /// force, on the joint where it is largest.
+    /// Size of the force by which two fits differ, beyond what the known numbers can make of it: RMS, as a share of what accelerates the
+    /// joint around each row, on the joint where it is largest.
     pub fn force_between(&self, less: &Fit, more: &Fit) -> Result<f64, GapError> {
         let runs = self.runs(less)?;
-        let typical = self.typical_force();
+        let quiet = &self.problem.disturbance.quiet;
         let change = &less.errors - &more.errors;
         let size = |j: usize| {
             let force = Response::new(self, less, &runs, j, 1.0).lacking(&change);
-            (force.iter().map(|f| f * f).sum::<f64>() / force.len() as f64).sqrt() / typical[j]
+            let of = |t: &'_ Trajectory| -> Vec<f64> {
+                let both = t.liveliness.iter().zip(&t.strain).skip(j).step_by(t.joints);
+                both.map(|(a, u)| (self.inertias[j] * a.max(quiet[j])).max(*u)).collect()
+            };
+            let around = self.problem.trajectories.iter().flat_map(of);
+            let shares = force.iter().zip(around).map(|(f, a)| f / a);
+            (shares.map(|s| s * s).sum::<f64>() / force.len() as f64).sqrt()
         };
         Ok((0..self.names.len()).map(size).fold(0.0, f64::max))
     }
@@ -65,9 +72,9 @@ impl Search<'_> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
         let now = &self.problem.disturbance;
         // How often the floor has been raised already.
-        let raised = now.acceleration[0] / self.floor[0];
-        let inverse = self.problem.inverse_mass(&plant);
-        let behind = |factors: [f64; 3]| now.times(factors).behind(&inverse);
+        let raised = now.share[0] / FLOOR;
+        let mobility = self.problem.mobility(&plant);
+        let behind = |factors: [f64; 3]| now.times(factors).behind(&mobility);
         let factors = likely_noise(&plant, self.problem.trajectories, &behind, [1.0, MOST_NOISE / raised]);
         Ok((factors != [1.0; 3]).then(|| now.times(factors)))
     }

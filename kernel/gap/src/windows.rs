@@ -260,7 +260,7 @@ impl Smoothed {
                     let h = original.time[k] - original.time[k - 1];
                     plant.interval(&mut motion, &original, k - 1)?;
                     for j in 0..n {
-                        let push = noise.acceleration[j] * normal();
+                        let push = noise.acceleration(&original, k, j) * normal();
                         motion.state.v[j] += h * push;
                         motion.state.q[j] += 0.5 * h * h * push;
                     }
