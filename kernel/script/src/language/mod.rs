@@ -3,6 +3,7 @@
 pub mod bind;
 pub mod check;
 pub mod engine;
+mod gap;
 pub mod execute;
 pub mod modules;
 pub mod stage;
