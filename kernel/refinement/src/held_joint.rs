@@ -64,7 +64,9 @@ pub enum HeldJointError {
     #[error("held joint: {0}")]
     Model(String),
     /// The gripper held nothing for long enough.
-    #[error("held joint: the gripper did not hold the handle of '{joint}' for {LEAST_TIME} s while the joint moved; run a skill that moves it")]
+    #[error(
+        "held joint: the gripper did not hold the handle of '{joint}' for {LEAST_TIME} s while the joint moved; run a skill that moves it"
+    )]
     NotHeld {
         /// The joint.
         joint: String,
@@ -102,9 +104,8 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
     let (Some(axis), Some(slot)) = (axis, slot) else {
         return Err(HeldJointError::Model(format!("'{}' has no moving joint '{}'", setting.object.name, setting.joint)));
     };
-    let arm: Vec<Option<usize>> = (setting.robot.moving_joints())
-        .map(|j| facts.arm_joints.iter().position(|n| *n == setting.robot.joints[j].name))
-        .collect();
+    let arm: Vec<Option<usize>> =
+        (setting.robot.moving_joints()).map(|j| facts.arm_joints.iter().position(|n| *n == setting.robot.joints[j].name)).collect();
     let sense = |o: &Observation| {
         let q: Vec<f64> = arm.iter().map(|slot| slot.and_then(|s| o.q.get(s)).copied().unwrap_or(0.0)).collect();
         let X_RL = setting.robot.X_OL(&q);
@@ -119,9 +120,13 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
     let hands: Vec<Vec<Hand>> = holds.iter().map(|h| run[h.start..h.end].iter().map(sense).collect()).collect();
     let along = Along::measured(&axis, &hands);
     let q_start = setting.q.get(slot).copied().unwrap_or(0.0);
-    let limits = setting.object.joint(setting.joint).map(|j| setting.object.joints[j].limits).unwrap_or_default();
-    let margin = if limits.range().is_finite() { STOP_SHARE * limits.range() } else { 0.0 };
-    let inside = |q: f64| q > limits.lower + margin && q < limits.upper - margin;
+    let limits = setting.object.joint(setting.joint).map(|j| setting.object.joints[j].limits);
+    let inside = |q: f64| {
+        limits.is_none_or(|l| {
+            let margin = if l.range().is_finite() { STOP_SHARE * l.range() } else { 0.0 };
+            q > l.lower + margin && q < l.upper - margin
+        })
+    };
 
     let mut logs = Vec::new();
     let mut origin = None;
@@ -139,8 +144,10 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
         if rows.last().zip(rows.first()).is_none_or(|(b, a)| b.0 - a.0 < LEAST_TIME) {
             continue;
         }
-        let series = |pick: fn(&(f64, f64, f64)) -> f64| Series { time: rows.iter().map(|r| r.0).collect(), value: rows.iter().map(pick).collect() };
-        let joint = JointLog { name: setting.joint.to_owned(), position: series(|r| r.1), effort: Some(series(|r| r.2)), ..JointLog::default() };
+        let series =
+            |pick: fn(&(f64, f64, f64)) -> f64| Series { time: rows.iter().map(|r| r.0).collect(), value: rows.iter().map(pick).collect() };
+        let joint =
+            JointLog { name: setting.joint.to_owned(), position: series(|r| r.1), effort: Some(series(|r| r.2)), ..JointLog::default() };
         let log = Log { source: format!("hold {}", number + 1), joints: vec![joint], ..Log::default() };
         logs.push(log.hashed());
     }
@@ -204,9 +211,7 @@ impl Along {
         let u = a.cross(&Vector3::ith(a.iamin(), 1.0)).normalize();
         let turns = stored.kind != JointKind::Prismatic;
         let mut along = Self { turns, axis: stored.axis_W, center: stored.origin_W, across: [u, a.cross(&u)] };
-        if turns
-            && let Some(center) = along.circle(hands)
-        {
+        if turns && let Some(center) = along.circle(hands) {
             along.center = center;
         }
         along

@@ -29,6 +29,9 @@ impl Skill for Close {
         let joint_model = &model.joints[index];
         let pick = |(turn, slide): (f64, f64)| if joint_model.kind == JointKind::Prismatic { slide } else { turn };
         let shut = joint_model.limits.lower;
-        articulate(&bench, &Motion { object, joint, to: shut - pick(PRESS), between: [shut - pick(SHUT), shut + pick(SHUT)], pace: pace(request)? })
+        articulate(
+            &bench,
+            &Motion { object, joint, to: shut - pick(PRESS), between: [shut - pick(SHUT), shut + pick(SHUT)], pace: pace(request)? },
+        )
     }
 }

@@ -18,6 +18,7 @@ use sagci_skill::{Failure, FailureCode};
 use sagci_world::judge::NamedEffect;
 
 use super::live::Live;
+use super::progress::Event;
 use super::report::{EffectReport, GapReport};
 use super::run::{Host, Phase};
 use super::step::failure;
@@ -80,7 +81,9 @@ impl Host {
         match &self.phase {
             // Nothing is recorded where nothing moves; the plan goes on as if it were.
             Phase::Planning(_) => Ok(RunHandle(self.runs.len())),
-            _ if self.runs.is_empty() => refuse("no skill has moved a joint yet".to_owned(), "call one that does, such as open(...), before last_run()"),
+            _ if self.runs.is_empty() => {
+                refuse("no skill has moved a joint yet".to_owned(), "call one that does, such as open(...), before last_run()")
+            }
             _ => Ok(RunHandle(self.runs.len() - 1)),
         }
     }
@@ -109,7 +112,10 @@ impl Host {
             let Some(recorded) = self.runs.get(run.0) else { continue };
             if recorded.object != object {
                 let hint = format!("give runs in which a skill moved '{object}'");
-                return Err(Stop::Refused(Refusal { message: format!("{run} moved '{}', not '{object}'", recorded.object), hint: Some(hint) }));
+                return Err(Stop::Refused(Refusal {
+                    message: format!("{run} moved '{}', not '{object}'", recorded.object),
+                    hint: Some(hint),
+                }));
             }
             let held = recorded.logs.as_ref().map_err(|why| Stop::Failed(unsuitable(format!("{run}: {why}"))))?;
             logs.extend(held.iter().map(|log| Log { source: format!("{run}, {}", log.source), ..log.clone() }));
@@ -128,7 +134,8 @@ impl Host {
         if logs.is_empty() {
             return Ok(quantity(&model, &joint, 0.0));
         }
-        let errors = sagci_gap::prediction_error(&model, &logs, Options::default().window).map_err(|e| Stop::Failed(unsuitable(e.to_string())))?;
+        let errors =
+            sagci_gap::prediction_error(&model, &logs, Options::default().window).map_err(|e| Stop::Failed(unsuitable(e.to_string())))?;
         let error = errors.get(&joint).copied().ok_or_else(|| Stop::Failed(unsuitable(format!("{run} does not tell of '{joint}'"))))?;
         Ok(quantity(&model, &joint, error))
     }
@@ -146,7 +153,9 @@ impl Host {
             return Ok(GapAnswer { verdict, effects, before: zero, refitted: zero, after: zero, noise_floor: zero, version: None, notes });
         }
         let clock = Instant::now();
-        let options = Options { window: request.window, seed: self.options.seed, progress: None };
+        let (watcher, seed) = (self.kit.progress.clone(), self.options.seed);
+        let progress = move |text: &str| watcher.event(seed, &Event::Searching { text });
+        let options = Options { window: request.window, seed, progress: Some(&progress) };
         let mut found = find(&model, &train, &held_out, &options).map_err(|e| Stop::Failed(unsuitable(e.to_string())))?;
         let effects: Vec<FoundEffect> = found.report.effects.iter().map(effect).collect();
         if let Phase::Live(live) = &mut self.phase {
@@ -154,9 +163,10 @@ impl Host {
         }
         let version = if request.apply { self.publish(&name, &mut found, request.accept_unconfirmed)? } else { None };
         if let Some(out) = &self.options.out {
-            let file = out.join(format!("seed-{}.gap-{}.html", self.options.seed, self.gaps.len() + 1));
-            if let Err(e) = std::fs::write(&file, page(&name, &found)) {
-                found.report.notes.push(format!("{}: {e}", file.display()));
+            let stem = format!("seed-{}.gap-{}", self.options.seed, self.gaps.len() + 1);
+            let json = serde_json::to_string_pretty(&found.report).map_err(|e| Stop::Broken(format!("the gap's report: {e}")))?;
+            for (file, text) in [(out.join(format!("{stem}.html")), page(&name, &found)), (out.join(format!("{stem}.json")), json)] {
+                std::fs::write(&file, text).map_err(|e| Stop::Broken(format!("{}: {e}", file.display())))?;
             }
         }
         let gap = found.report.gap.held_out.as_ref().unwrap_or(&found.report.gap.train);
@@ -184,7 +194,16 @@ impl Host {
             wall_seconds: clock.elapsed().as_secs_f64(),
         });
         let notes = found.report.notes;
-        Ok(GapAnswer { verdict, effects, before: at(before), refitted: at(refitted), after: at(after), noise_floor: at(noise_floor), version, notes })
+        Ok(GapAnswer {
+            verdict,
+            effects,
+            before: at(before),
+            refitted: at(refitted),
+            after: at(after),
+            noise_floor: at(noise_floor),
+            version,
+            notes,
+        })
     }
 
     /// Publishes what may be published; the run plans with it from then on. Says in the report what became of it.

@@ -149,7 +149,11 @@ impl Live {
                         reply.command.tau.len(),
                         self.observation.q.len()
                     );
-                    return Ok(Carried { failure: Some(failure(FailureCode::PluginFault, "execution", message)), measured: Vec::new(), moved: None });
+                    return Ok(Carried {
+                        failure: Some(failure(FailureCode::PluginFault, "execution", message)),
+                        measured: Vec::new(),
+                        moved: None,
+                    });
                 }
                 Status::Running => {}
                 Status::Look { objects } => {

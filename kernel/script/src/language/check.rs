@@ -545,7 +545,11 @@ impl Checker<'_> {
 
     /// Which object, which runs, and what stands in the map.
     fn gap(&mut self, arguments: &[(Guess, Position)]) -> Guess {
-        let wanted = [("an object first", &[Kind::Object][..]), ("recorded runs", &[Kind::Run, Kind::Other]), ("its options as a map", &[Kind::Map])];
+        let wanted = [
+            ("an object first", &[Kind::Object][..]),
+            ("recorded runs", &[Kind::Run, Kind::Other]),
+            ("its options as a map", &[Kind::Map]),
+        ];
         for ((guess, at), (what, kinds)) in arguments.iter().zip(wanted) {
             if let Some(is) = guess.kind.filter(|k| !kinds.contains(k)) {
                 self.problem(*at, format!("gap(...) needs {what}, and is given {}", is.words()), Some(GAP_HINT.to_owned()));

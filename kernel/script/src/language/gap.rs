@@ -54,13 +54,17 @@ pub(super) fn register(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     });
     for arity in 2..=3 {
         let stage = stage.clone();
-        engine.register_raw_fn("gap", vec![TypeId::of::<Dynamic>(); arity], move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
-            let position = context.call_position();
-            let values: Vec<Dynamic> = args.iter().map(|a| a.flatten_clone()).collect();
-            let request = request(&values, position)?;
-            let answer = stage.borrow_mut().gap(&request);
-            answer.map(|a| answer_map(&a)).map_err(|stop| stopped("gap", stop, position))
-        });
+        engine.register_raw_fn(
+            "gap",
+            vec![TypeId::of::<Dynamic>(); arity],
+            move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
+                let position = context.call_position();
+                let values: Vec<Dynamic> = args.iter().map(|a| a.flatten_clone()).collect();
+                let request = request(&values, position)?;
+                let answer = stage.borrow_mut().gap(&request);
+                answer.map(|a| answer_map(&a)).map_err(|stop| stopped("gap", stop, position))
+            },
+        );
     }
 }
 

@@ -3,8 +3,8 @@
 pub mod bind;
 pub mod check;
 pub mod engine;
-mod gap;
 pub mod execute;
+mod gap;
 pub mod modules;
 pub mod stage;
 pub mod suggest;

@@ -105,7 +105,8 @@ impl State {
         let said = match answers.as_slice() {
             [] => "nothing was named".to_owned(),
             some => {
-                let sets = some.iter().map(|a| [&a.name].into_iter().chain(&a.alternatives).map(String::as_str).collect::<Vec<_>>().join(" or "));
+                let sets =
+                    some.iter().map(|a| [&a.name].into_iter().chain(&a.alternatives).map(String::as_str).collect::<Vec<_>>().join(" or "));
                 format!("named was {}", sets.collect::<Vec<_>>().join(" and "))
             }
         };

@@ -528,7 +528,7 @@ fn a_hidden_effect_moves_the_door_as_the_catalogue_says() {
         // I dv/dt = torque - c v - F sgn(v) - resistance, in steps far shorter than the world's.
         let (inertia, damping, friction) = (0.11, 0.4, 2.0);
         let (mut q, mut v) = (0.0f64, 0.0f64);
-        for i in 0..150 {
+        for i in 0..250 {
             world.advance(&Command { tau: vec![7.0], gripper: GripperCommand::default() }).unwrap();
             for _ in 0..50 {
                 v += 2e-5 * (torque - damping * v - friction * v.signum() - resistance(&entry, q, v)) / inertia;
@@ -536,6 +536,10 @@ fn a_hidden_effect_moves_the_door_as_the_catalogue_says() {
             }
             let measured = world.state.as_ref().unwrap().joint_state(1, 0);
             assert!((measured.0 - q).abs() < 0.004 + 0.01 * q.abs(), "{entry:?}: at {} rad after {i} steps, expected {q}", measured.0);
+            // Its stop is near.
+            if q > 1.2 {
+                break;
+            }
         }
         assert!(q > 0.3, "{entry:?} holds the door at {q}");
     }
