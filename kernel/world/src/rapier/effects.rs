@@ -112,6 +112,12 @@ const KNOWN: [&str; 15] = [
     "hard_stop",
 ];
 
+/// Was the effect estimated from measurements, not written by hand? What this world cannot simulate of those, it does not have: an estimate
+/// may name anything in the catalogue, and the object has to be usable all the same.
+fn was_estimated(entry: &EffectEntry) -> bool {
+    entry.evidence.is_some()
+}
+
 impl JointEffects {
     /// The effects of `model`'s joint, with the factors that were drawn on damping and friction.
     pub(super) fn new(model: &ObjectModel, joint: usize, drawn: &DrawnJoint) -> Result<Self, String> {
@@ -121,7 +127,11 @@ impl JointEffects {
             Term::Coulomb { friction: j.friction * drawn.friction_factor + drawn.extra_friction },
         ];
         for entry in model.document.effects.iter().filter(|e| e.joint.as_deref() == Some(&j.name)) {
-            terms.push(Term::read(entry)?.scaled(drawn));
+            match Term::read(entry) {
+                Ok(term) => terms.push(term.scaled(drawn)),
+                Err(_) if was_estimated(entry) => {}
+                Err(message) => return Err(message),
+            }
         }
         Ok(Self { terms })
     }
@@ -134,7 +144,7 @@ impl JointEffects {
 
     /// Checks that every effect of a model names a joint and is known here.
     pub(super) fn check(model: &ObjectModel) -> Result<(), String> {
-        for entry in &model.document.effects {
+        for entry in model.document.effects.iter().filter(|e| !was_estimated(e)) {
             match &entry.joint {
                 Some(name) if model.joint(name).is_some() => {
                     Term::read(entry)?;

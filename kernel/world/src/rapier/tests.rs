@@ -367,6 +367,18 @@ fn an_effect_that_is_not_simulated_is_refused() {
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     let error = RapierWorld::new(exact()).reset(&scene, 1).unwrap_err().to_string();
     assert!(error.contains("door") && error.contains("gremlins") && error.contains("joint_spring"), "{error}");
+    // One that was estimated may be wrong; the world is then without it.
+    let mut door = scene.objects.remove(0).model.as_ref().clone();
+    door.document.effects[0].evidence = Some(sagci_model::Evidence {
+        intervals: [].into(),
+        probability: 0.9,
+        alternatives: Vec::new(),
+        data: Vec::new(),
+        held_out: Vec::new(),
+        gap: [0.1, 0.01],
+    });
+    put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
+    RapierWorld::new(exact()).reset(&scene, 1).unwrap();
 }
 
 #[test]
