@@ -24,7 +24,7 @@ use sagci_signal::{Observation, Wrench};
 use crate::{StoredAxis, stored_axis};
 
 /// Samples that become one row.
-const ROW: usize = 4;
+const ROW: usize = 10;
 /// A gripper holds while it presses with this share of the greatest force of the run, and at least with this many N.
 const PRESSING: f64 = 0.5;
 const LEAST_FORCE: f64 = 1.0;
@@ -89,7 +89,7 @@ struct Hold {
     end: usize,
 }
 
-/// Position and effort of a joint from what the robot sensed in one run, one recording for each time that the handle was held: rows of four
+/// Position and effort of a joint from what the robot sensed in one run, one recording for each time that the handle was held: rows of ten
 /// sensor periods, rad or m, N m or N, positive along the joint's axis.
 ///
 /// # Errors
