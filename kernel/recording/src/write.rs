@@ -6,8 +6,8 @@ use sha2::{Digest, Sha256};
 
 use crate::{CommandKind, Log, Series};
 
-/// The joints of a recording as CSV: a row for each time at which something was measured, with empty cells for what was not. Numbers are
-/// written so that reading them gives the same bits. Forces at links have no place in such a file and are left out.
+/// The joints of a recording as CSV: a row for each time at which something was measured, with empty cells for what was not. Values are
+/// written so that reading them gives the same bits; times are read to the nanosecond. Forces at links have no place in such a file and are left out.
 pub fn to_csv(log: &Log) -> String {
     let mut columns: Vec<(String, &Series)> = Vec::new();
     for joint in &log.joints {
