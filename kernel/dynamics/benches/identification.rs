@@ -8,11 +8,25 @@ use std::hint::black_box;
 
 use common::Bench;
 use nalgebra::Isometry3;
+use sagci_dynamics::effects::{Prior, find};
 use sagci_dynamics::{Coriolis, Input, Linearisation, ParameterVector, Part, State, System};
 use sagci_model::EffectEntry;
 
 const STEPS: usize = 256;
 const DT: f64 = 1e-3;
+
+/// Of each kind one: linear, dry, with an inner state, by position, on the command.
+const EFFECTS: [&str; 9] = [
+    "viscous_friction",
+    "stribeck_friction",
+    "presliding_hysteresis",
+    "cable_hysteresis",
+    "air_suction",
+    "magnetic_gasket",
+    "torque_ripple",
+    "actuator_lag",
+    "transport_delay",
+];
 
 fn main() {
     let bench = Bench::from_arguments();
@@ -28,6 +42,9 @@ fn main() {
     system.add_effect("microwave", &spring).unwrap();
     let which = system.select_parameters(&["*friction.*", "*.joint_spring.*", "*/mw_door.mass", "*/mw_door.center.y"]).unwrap();
     rows(&bench, "one joint, viscous, dry friction, spring", &system, &which, 0.02);
+    for name in EFFECTS {
+        effect_row(&bench, name);
+    }
     let mut arm = common::model("panda_arm");
     for joint in &mut arm.joints {
         (joint.limits.lower, joint.limits.upper) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -65,6 +82,36 @@ fn rows(bench: &Bench, name: &str, system: &System, which: &ParameterVector, spe
             }
         });
     }
+}
+
+/// Steps of a door with one effect at its usual size, pushed to and fro.
+fn effect_row(bench: &Bench, name: &str) {
+    let mut door = common::model("microwave");
+    (door.joints[0].damping, door.joints[0].friction) = (0.0, 0.0);
+    let mut system = System::new(&[Part::welded(&door, Isometry3::identity())]).unwrap();
+    let usual = |prior: Prior| match prior {
+        Prior::LogNormal { median, .. } => median,
+        Prior::Normal { mean, deviation } => mean + 0.1 * deviation,
+        Prior::OneOf(choices) => choices[0],
+    };
+    let parameters = find(name).unwrap().description().parameters;
+    let entry = EffectEntry {
+        effect: name.into(),
+        joint: Some("mw_hinge".into()),
+        parameters: parameters.iter().filter(|p| p.words.is_empty()).map(|p| (p.name.into(), usual(p.prior[0]))).collect(),
+        ..EffectEntry::default()
+    };
+    system.add_effect("microwave", &entry).unwrap();
+    let (mut ws, mut start) = (system.workspace(), system.state());
+    (start.q[0], start.v[0]) = (0.3, 0.02);
+    let mut state = start.clone();
+    bench.row(&format!("one joint, {name}: step"), STEPS, || {
+        copy(&mut state, &start);
+        for k in 0..STEPS {
+            let tau = [2.5 * (0.1 * k as f64).cos()];
+            system.step(&mut ws, black_box(&mut state), &Input { tau: &tau, external: &[] }, DT).unwrap();
+        }
+    });
 }
 
 fn copy(to: &mut State, from: &State) {

@@ -93,13 +93,20 @@ pub enum DynamicsError {
 }
 
 /// Checks the length of a vector and that all its entries are finite.
+#[inline]
 pub(crate) fn check(what: &'static str, values: &[f64], needed: usize) -> Result<(), DynamicsError> {
+    // The sum of 0 * x is 0 exactly where all are finite: one branch for the whole vector.
+    if values.len() == needed && values.iter().map(|x| x * 0.0).sum::<f64>() == 0.0 {
+        return Ok(());
+    }
+    fault(what, values, needed)
+}
+
+#[cold]
+#[inline(never)]
+fn fault(what: &'static str, values: &[f64], needed: usize) -> Result<(), DynamicsError> {
     if values.len() != needed {
         return Err(DynamicsError::Length { what, given: values.len(), needed });
-    }
-    // The sum of 0 * x is 0 exactly where all are finite: one branch for the whole vector.
-    if values.iter().map(|x| x * 0.0).sum::<f64>() == 0.0 {
-        return Ok(());
     }
     let index = values.iter().position(|x| !x.is_finite()).unwrap_or(0);
     Err(DynamicsError::NotFinite { what, index, value: values[index].to_string() })

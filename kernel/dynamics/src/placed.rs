@@ -90,6 +90,7 @@ pub(crate) struct SwayPlace {
 }
 
 impl System {
+    #[inline]
     pub(crate) fn instant<'a>(&self, placed: &Placement, taken: &Taken<'a>, input: f64) -> Instant<'a> {
         let state = taken.state;
         Instant {
@@ -104,6 +105,7 @@ impl System {
         }
     }
 
+    #[inline]
     pub(crate) fn theta_of(&self, placed: &Placement) -> &[f64] {
         &self.parameters()[placed.theta.clone()]
     }
@@ -115,8 +117,7 @@ impl System {
             ws.seen[i] = ws.tau[placed.v];
             let taken = Taken { state, next: &state.v, tau: &[], seen: &[], load: &[], dt };
             let at = self.instant(placed, &taken, ws.seen[i]);
-            placed.effect.command(self.theta_of(placed), &at, &mut ws.transfer);
-            ws.tau[placed.v] = ws.transfer.output.value;
+            ws.tau[placed.v] = placed.effect.command_value(self.theta_of(placed), &at);
         }
     }
 
@@ -164,14 +165,11 @@ impl System {
         out
     }
 
-    /// The same without derivatives, for the step.
+    /// The same without derivatives, for the step; of an effect that acts on a joint.
+    #[inline]
     pub(crate) fn force(&self, placed: &Placement, taken: &Taken<'_>) -> Force {
-        let description = placed.effect.description();
-        if description.acts != Acts::Joint {
-            return Force::default();
-        }
         let mut force = placed.effect.force(self.theta_of(placed), &self.instant(placed, taken, taken.tau[placed.v]));
-        if description.wears && !self.wears.is_empty() {
+        if !self.wears.is_empty() && placed.effect.description().wears {
             let factor = self.wear(placed.v, taken, None);
             force.smooth = force.smooth.map(|f| f * factor);
             force.dry = force.dry.map(|f| f * factor);
@@ -230,21 +228,11 @@ impl System {
             return;
         }
         for (i, placed) in self.placements().iter().enumerate() {
-            let states = placed.effect.states();
-            if states == 0 || placed.effect.description().acts == Acts::Base {
+            if placed.z.is_empty() || placed.effect.description().acts == Acts::Base {
                 continue;
             }
-            let mut out = Advance::default();
             let at = self.instant(placed, taken, self.input_of(i, taken));
-            placed.effect.advance(self.theta_of(placed), &at, &mut out);
-            let z = &mut z[placed.z.clone()];
-            for (z, next) in z.iter_mut().zip(out.z).take(states) {
-                *z = next.value;
-            }
-            if let Some(sample) = out.sample {
-                z[states + sample.slot] = sample.value;
-                z[states + HISTORY + sample.slot] = sample.duration;
-            }
+            placed.effect.advance_values(self.theta_of(placed), &at, &mut z[placed.z.clone()]);
         }
     }
 

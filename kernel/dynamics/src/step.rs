@@ -17,7 +17,6 @@
 use crate::algorithms::pendulum::Pendulum;
 use crate::complementarity::{Held, Hinge, Problem};
 use crate::contact::solver::ContactWorkspace;
-use crate::effects::Transfer;
 use crate::error::check;
 use crate::placed::{BaseMotion, Taken};
 use crate::residual::ResidualWorkspace;
@@ -60,7 +59,6 @@ pub struct StepWorkspace {
     next: Vec<f64>,
     pub(crate) tau: Vec<f64>,
     pub(crate) seen: Vec<f64>,
-    pub(crate) transfer: Transfer,
     pub(crate) bases: Vec<BaseMotion>,
     pub(crate) pendulum: Option<Pendulum>,
     q: Vec<f64>,
@@ -84,7 +82,6 @@ impl StepWorkspace {
             next: vec![0.0; n],
             tau: vec![0.0; n],
             seen: vec![0.0; system.placements().len()],
-            transfer: Transfer::default(),
             bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
             pendulum: None,
             q: vec![0.0; multibody.nq()],
@@ -188,6 +185,7 @@ impl System {
         self.gather_bases(&ws.rigid, &mut ws.bases);
         ws.more.fill(0.0);
         ws.next.copy_from_slice(&state.v);
+        self.prepare(&mut ws.problem, state, dt);
         self.assemble(ws, state, dt);
         ws.problem.v.copy_from_slice(&state.v);
         check("the forces of the step", &ws.problem.b, n)?;
@@ -305,18 +303,10 @@ impl System {
         Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
     }
 
-    /// Writes the convex problem of the step about the next velocities `ws.next`.
-    fn assemble(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
-        let n = self.multibody().nv();
-        let problem = &mut ws.problem;
-        problem.A.copy_from_slice(ws.rigid.M.as_slice());
+    /// Writes what of the step's problem stays, about whatever next velocities it is written.
+    fn prepare(&self, problem: &mut Problem, state: &State, dt: f64) {
         problem.before.copy_from_slice(&self.multibody().before);
         problem.coupled = !self.sways.is_empty();
-        for (k, (b, row)) in problem.b.iter_mut().zip(problem.A.chunks_exact(n.max(1))).enumerate() {
-            let momentum: f64 = row.iter().zip(&state.v).map(|(m, v)| m * v).sum();
-            *b = momentum + dt * (ws.tau[k] + ws.load[k]) + ws.more[k];
-        }
-        problem.dry.fill([0.0; 2]);
         problem.walls.fill([f64::NEG_INFINITY, f64::INFINITY]);
         for joint in self.multibody().joints() {
             if joint.v.len() == 1 {
@@ -326,9 +316,22 @@ impl System {
                 problem.walls[k] = [reach(lower - q, q < lower), reach(upper - q, q > upper)];
             }
         }
+    }
+
+    /// Writes the rest of the convex problem of the step about the next velocities `ws.next`.
+    fn assemble(&self, ws: &mut StepWorkspace, state: &State, dt: f64) {
+        let n = self.multibody().nv();
+        let problem = &mut ws.problem;
+        problem.A.copy_from_slice(ws.rigid.M.as_slice());
+        for (k, (b, row)) in problem.b.iter_mut().zip(problem.A.chunks_exact(n.max(1))).enumerate() {
+            let momentum: f64 = row.iter().zip(&state.v).map(|(m, v)| m * v).sum();
+            *b = momentum + dt * (ws.tau[k] + ws.load[k]) + ws.more[k];
+        }
+        problem.dry.fill([0.0; 2]);
         problem.hinges.clear();
         let taken = Taken { state, next: &ws.next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
-        for placed in self.placements() {
+        for &i in &self.resisting {
+            let placed = &self.placements()[i];
             let force = self.force(placed, &taken);
             let (k, [value, slope]) = (placed.v, force.smooth);
             let slope = slope.max(0.0);

@@ -30,6 +30,8 @@ pub struct System {
     pub(crate) commands: Vec<usize>,
     pub(crate) measurements: Vec<usize>,
     pub(crate) wears: Vec<usize>,
+    /// Effects that act on joints.
+    pub(crate) resisting: Vec<usize>,
     pub(crate) sways: Vec<SwayPlace>,
     /// Is the force of some effect no linear function of the next velocity?
     pub(crate) nonlinear: bool,
@@ -100,6 +102,7 @@ impl System {
             commands: Vec::new(),
             measurements: Vec::new(),
             wears: Vec::new(),
+            resisting: Vec::new(),
             sways: Vec::new(),
             nonlinear: false,
             walls: Vec::new(),
@@ -215,6 +218,7 @@ impl System {
                 self.commands.push(index);
                 self.commands.sort_by_key(stage);
             }
+            Acts::Joint => self.resisting.push(index),
             Acts::Losses => self.wears.push(index),
             Acts::Bodies => {
                 if self.given.is_none() {

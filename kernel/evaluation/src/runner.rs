@@ -7,7 +7,6 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use rayon::prelude::*;
 use sagci_model::ObjectModel;
 use serde_json::Value;
 
@@ -116,32 +115,46 @@ pub fn run(
         None => None,
     };
     let (count, total) = (AtomicUsize::new(known.len()), wanted.len());
-    let fresh: Result<Vec<Judgement>, EvaluationError> = open
-        .par_iter()
-        .map(|id| {
-            let scenario = draw(id, options.seed, options.arm.as_ref())?;
-            let name = id.to_string().replace('/', "-");
-            if let Some(folder) = &options.sealed {
-                write(&folder.join(format!("{name}.json")), &serde_json::to_string_pretty(&scenario.truth).unwrap_or_default())?;
+    let ask = |id: &RunId| -> Result<Judgement, EvaluationError> {
+        let scenario = draw(id, options.seed, options.arm.as_ref())?;
+        let name = id.to_string().replace('/', "-");
+        if let Some(folder) = &options.sealed {
+            write(&folder.join(format!("{name}.json")), &serde_json::to_string_pretty(&scenario.truth).unwrap_or_default())?;
+        }
+        if let Some(folder) = &options.data {
+            store(&folder.join(&name), &scenario.given)?;
+        }
+        let began = Instant::now();
+        let answer = workflow(&scenario.given);
+        let judgement = judge(&scenario.truth, &answer, began.elapsed().as_secs_f64());
+        if let (Some(file), Some(path)) = (&file, &results) {
+            let mut line = serde_json::to_string(&judgement).unwrap_or_default();
+            line.push('\n');
+            if let Ok(mut file) = file.lock() {
+                file.write_all(line.as_bytes()).map_err(|source| EvaluationError::File { path: path.clone(), source })?;
             }
-            if let Some(folder) = &options.data {
-                store(&folder.join(&name), &scenario.given)?;
-            }
-            let began = Instant::now();
-            let answer = workflow(&scenario.given);
-            let judgement = judge(&scenario.truth, &answer, began.elapsed().as_secs_f64());
-            if let (Some(file), Some(path)) = (&file, &results) {
-                let mut line = serde_json::to_string(&judgement).unwrap_or_default();
-                line.push('\n');
-                if let Ok(mut file) = file.lock() {
-                    file.write_all(line.as_bytes()).map_err(|source| EvaluationError::File { path: path.clone(), source })?;
-                }
-            }
-            progress(&line_of(count.fetch_add(1, Ordering::Relaxed) + 1, total, &judgement));
-            Ok(judgement)
-        })
-        .collect();
-    done.extend(fresh?);
+        }
+        progress(&line_of(count.fetch_add(1, Ordering::Relaxed) + 1, total, &judgement));
+        Ok(judgement)
+    };
+    // Plain threads, one a core: a worker of a pool that waits for a run would begin another one meanwhile, and all would be open at once.
+    let next = AtomicUsize::new(0);
+    let work = || -> Result<Vec<Judgement>, EvaluationError> {
+        let mut judged = Vec::new();
+        while let Some(id) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
+            judged.push(ask(id).inspect_err(|_| next.store(open.len(), Ordering::Relaxed))?);
+        }
+        Ok(judged)
+    };
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let fresh: Vec<Result<Vec<Judgement>, EvaluationError>> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        let join = |w: std::thread::ScopedJoinHandle<'_, _>| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        workers.into_iter().map(join).collect()
+    });
+    for judged in fresh {
+        done.extend(judged?);
+    }
     done.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(done)
 }

@@ -4,22 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use rayon::prelude::*;
-use sagci_dynamics::effects::{self, Acts};
-use sagci_model::{Evidence, JointKind, ObjectModel};
+use sagci_model::{Evidence, ObjectModel};
 use sagci_recording::Log;
 
 use crate::GapError;
-use crate::fit::{Fit, Problem};
-use crate::flexible::{self, Nameless};
-use crate::hypothesis::{Hypothesis, Knob};
+use crate::choice::Choice;
+use crate::fit::Fit;
+use crate::gaps::gaps;
 use crate::map;
-use crate::noise;
-use crate::plots::{self, PlotData, Predicted};
-use crate::report::{EffectEvidence, Gap, Gaps, JointGap, NamedEffect, Reason, Report, SCHEMA, Unexplained, Value, Verdict};
-use crate::response::Response;
+use crate::plots::{self, PlotData};
+use crate::report::{Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Candidate, FLOOR, Search, entries};
 use crate::trajectory::Trajectory;
-use crate::windows::{ANY, Figures, Smoothed, likely_noise};
+use crate::unseen::{SEEN, Unseen, set_aside};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -59,18 +56,10 @@ pub struct Found {
 const MOST: usize = 4;
 /// Logarithm of the Bayes factor that an effect needs.
 const CONVINCING: f64 = 6.0;
-/// Names whose evidence is within this of the best one's cannot be told from it.
-const ALIKE: f64 = 3.0;
-/// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
-const MOST_NOISE: f64 = 8.0;
-/// Half a fall of squared errors, in units of their noise, that is no chance.
-const SEEN: f64 = 3.0;
-/// Longest step of the last fits and of predictions, s.
-pub(crate) const FINE: f64 = 1e-3;
+/// Share of a joint's typical force that an effect needs: less is below what any model is off by.
+const MATERIAL: f64 = 0.5 * FLOOR;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
-/// Quantile of the normal distribution for intervals of 95 %.
-const NORMAL_95: f64 = 1.959_964;
 
 /// Finds what the model lacks.
 ///
@@ -128,9 +117,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
+        let force = search.force_between(&current, &best.fit)?;
         let nameless = search.nameless(&current, scale)?;
+        say(&format!("  it makes {:.2} % of the joint's typical force", 100.0 * force));
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
-        if gain < CONVINCING {
+        if gain < CONVINCING || force < MATERIAL {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
@@ -177,8 +168,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     }
 
     say("fitting to the end");
-    let fine = Problem::new(&trajectories, &search.noise, &search.problem.limits, FINE);
-    search.problem = fine;
+    search.finer();
     let restart = |fit: &Fit| Fit::start(&search.problem, fit.hypothesis.clone())?.finish(&search.problem, scale, None);
     current = restart(&current)?;
     let refitted = if chosen.is_empty() { current.clone() } else { restart(&base)? };
@@ -292,327 +282,4 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 fn best_three(candidates: &[Candidate], here: f64) -> String {
     let all: Vec<String> = candidates.iter().take(3).map(|c| format!("{} ({:+.1})", c.effect, c.evidence - here)).collect();
     all.join(", ")
-}
-
-/// Whole trajectories for a check, where none are given: never samples of one.
-fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>) -> (Vec<&'a Log>, Vec<&'a Log>) {
-    if !held_out.is_empty() {
-        return (train.iter().collect(), held_out.iter().collect());
-    }
-    if train.len() < 3 {
-        notes.push(format!("{} recording(s) are too few to set one aside: what is found is not confirmed on other data", train.len()));
-        return (train.iter().collect(), Vec::new());
-    }
-    // Every fourth, from the second: early and late ones are on both sides.
-    let aside = |i: usize| i % 4 == 1;
-    (
-        train.iter().enumerate().filter(|(i, _)| !aside(*i)).map(|(_, l)| l).collect(),
-        train.iter().enumerate().filter(|(i, _)| aside(*i)).map(|(_, l)| l).collect(),
-    )
-}
-
-/// What unseen data say of an effect, in units of their noise.
-#[derive(Debug, Clone, Copy)]
-struct Unseen {
-    /// Half the fall of the squared errors.
-    fall: f64,
-    /// The same if the effect is just as it was fitted.
-    expected: f64,
-}
-
-impl Unseen {
-    /// They would show it, and they do not.
-    fn contradicts(&self) -> bool {
-        self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
-    }
-
-    fn reason(&self, name: &str) -> Reason {
-        let reason = format!("held-out data, in which it would show, speak against it (half the squared errors rise by {:.1})", -self.fall);
-        Reason { name: name.into(), reason }
-    }
-}
-
-/// An effect that was chosen, and what it was chosen among.
-#[derive(Debug, Clone)]
-pub(crate) struct Choice {
-    pub best: Candidate,
-    /// Others: name, joint, evidence less than the best one's.
-    pub others: Vec<(&'static str, Option<usize>, f64)>,
-    /// Evidence over the model without it, and that of a force without a name.
-    pub gain: f64,
-    pub nameless: f64,
-    /// Share of the errors' squares, beyond noise, that it takes away.
-    pub explained: f64,
-}
-
-impl Choice {
-    fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
-        let best = candidates[0].clone();
-        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless, explained };
-        this.around(candidates, this.best.evidence, here);
-        this
-    }
-
-    fn around(&mut self, candidates: &[Candidate], with: f64, without: f64) {
-        self.gain = with - without;
-        let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
-        self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
-    }
-}
-
-impl<'a> Search<'a> {
-    /// Fits anew from where a fit stands.
-    fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        Fit::start(&self.problem, fit.hypothesis.clone())?.finish(&self.problem, scale, None)
-    }
-
-    fn rank(&self, candidates: &mut [Candidate], scale: f64) {
-        for c in candidates.iter_mut() {
-            c.evidence = self.evidence(&c.fit, scale);
-        }
-        candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    }
-
-    /// Share of the squared errors, beyond noise, that one fit takes away from another's.
-    fn explained(&self, less: &Fit, more: &Fit, scale: f64) -> f64 {
-        let noise = scale * scale * self.problem.measured() as f64;
-        ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
-    }
-
-    /// The noise under which a fit's errors are most likely, if that is not the one assumed.
-    fn likelier_noise(&self, fit: &Fit) -> Result<Option<crate::observer::Noise>, GapError> {
-        let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let noise = likely_noise(&plant, self.problem.trajectories, &self.noise, [1.0, MOST_NOISE])?;
-        Ok((noise != self.noise).then_some(noise))
-    }
-
-    fn with_noise(self, noise: crate::observer::Noise) -> Self {
-        let problem = Problem::new(self.problem.trajectories, &noise, &self.problem.limits, self.problem.step);
-        Self { problem, noise, ..self }
-    }
-
-    /// The most likely force without a name, and its joint.
-    fn nameless(&self, fit: &Fit, scale: f64) -> Result<Option<(usize, Nameless)>, GapError> {
-        let runs = self.runs(fit)?;
-        let typical = self.typical_force();
-        let all: Vec<(usize, Nameless)> = (0..self.names.len())
-            .into_par_iter()
-            .filter_map(|j| Some((j, flexible::nameless(&Response::new(self, fit, &runs, j, scale), scale, typical[j])?)))
-            .collect();
-        Ok(all.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
-    }
-
-    /// Typical force on each joint.
-    pub fn typical_force(&self) -> Vec<f64> {
-        let typical = crate::noise::accelerations(self.problem.trajectories, &self.inertias);
-        typical.iter().zip(&self.inertias).map(|(a, m)| a * m).collect()
-    }
-
-    /// Does anything move?
-    fn check_motion(&self, notes: &mut Vec<String>) -> Result<(), GapError> {
-        let mut moves = false;
-        for (j, name) in self.names.iter().enumerate() {
-            let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
-            if high - low > 20.0 * self.noise.position[j] && high > low {
-                moves = true;
-            } else if low <= high {
-                notes.push(format!("{name}: does not move in these data"));
-            }
-        }
-        if moves {
-            return Ok(());
-        }
-        let message = "nothing moves in these data: record a slow sweep over the range in both directions, and one at several speeds";
-        Err(GapError::data(self.names.join(", "), message))
-    }
-
-    /// For each effect: how much better it makes unseen data (half the fall of the squared errors), and whether that confirms it.
-    fn on_unseen(&self, current: &Fit, base: &Fit, unseen: &[Trajectory], scale: f64) -> Result<Vec<Unseen>, GapError> {
-        let all = entries(&current.hypothesis);
-        all.par_iter()
-            .map(|entry| {
-                let less = if all.len() == 1 {
-                    base.clone()
-                } else {
-                    self.refit(&Fit::start(&self.problem, current.hypothesis.without(*entry))?, scale)?
-                };
-                Ok(self.unseen_of(current, &less, unseen, scale).unwrap_or(Unseen { fall: 0.0, expected: 0.0 }))
-            })
-            .collect()
-    }
-
-    /// What unseen data say of one fit against another; none where there are no such data, or where one cannot follow them.
-    fn unseen_of(&self, with: &Fit, without: &Fit, unseen: &[Trajectory], scale: f64) -> Option<Unseen> {
-        let problem = Problem::new(unseen, &self.noise, &self.problem.limits, self.problem.step);
-        let errors = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).ok();
-        let (with, without) = (errors(with)?, errors(without)?);
-        let weight = 0.5 / (scale * scale);
-        let fall = weight * (without.norm_squared() - with.norm_squared());
-        (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * (without - with).norm_squared() })
-    }
-
-    /// RMS of what the effects change of the force, over all joints.
-    fn explained_force(&self, current: &Fit, base: &Fit) -> Result<f64, GapError> {
-        let (a, b) = (self.runs(current)?, self.runs(base)?);
-        let mut most: f64 = 0.0;
-        for j in 0..self.names.len() {
-            let response = Response::new(self, base, &b, j, 1.0);
-            let before = response.lacking(&base.errors);
-            let after = Response::new(self, current, &a, j, 1.0).lacking(&current.errors);
-            let square = |f: &[f64]| f.iter().map(|x| x * x).sum::<f64>() / f.len() as f64;
-            most = most.max(square(&before) - square(&after));
-        }
-        Ok(most.max(0.0).sqrt())
-    }
-
-    #[allow(clippy::too_many_arguments)]
-    fn describe(
-        &self,
-        fit: &Fit,
-        entry: usize,
-        choice: &Choice,
-        covariance: Option<&nalgebra::DMatrix<f64>>,
-        held_out: Option<f64>,
-        agrees: bool,
-    ) -> NamedEffect {
-        let hypothesis = &fit.hypothesis;
-        let model = hypothesis.model_at(&hypothesis.x);
-        let what = &model.document.effects[entry];
-        let mut parameters = BTreeMap::new();
-        for (i, fitted) in hypothesis.fitted.iter().enumerate() {
-            let Knob::Effect(e, name) = &fitted.knob else { continue };
-            if *e != entry {
-                continue;
-            }
-            let deviation = covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()) * NORMAL_95;
-            let (x, [low, high]) = (hypothesis.x[i], fitted.bounds);
-            let end = |x: f64| fitted.value(x.clamp(low, high));
-            let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
-            parameters.insert((*name).to_owned(), value);
-        }
-        let alike = |(name, joint, less): &&(&'static str, Option<usize>, f64)| {
-            *less < ALIKE && (*joint == choice.best.joint || *name != what.effect)
-        };
-        let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
-        alternatives.dedup();
-        let mut weights: Vec<f64> = choice.others.iter().map(|o| (-o.2).exp()).collect();
-        weights.push((-choice.gain).exp());
-        weights.push((choice.nameless - choice.gain).min(50.0).exp());
-        let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());
-        let runners_up = choice
-            .others
-            .iter()
-            .filter(|o| o.2 >= ALIKE)
-            .take(5)
-            .map(|o| Reason { name: o.0.into(), reason: format!("fits less well: evidence e^-{:.1} of the named effect's", o.2) });
-        NamedEffect {
-            name: what.effect.clone(),
-            alternatives,
-            joint: what.joint.clone(),
-            channel: channel(&what.effect).into(),
-            parameters,
-            choices: what.choices.clone(),
-            probability,
-            confirmed: agrees,
-            evidence: EffectEvidence {
-                log_bayes_factor: choice.gain,
-                log_bayes_factor_nameless: choice.gain - choice.nameless,
-                explained: choice.explained,
-                held_out,
-            },
-            runners_up: runners_up.collect(),
-        }
-    }
-}
-
-/// Where an effect acts, in a word.
-pub(crate) fn channel(effect: &str) -> &'static str {
-    let Ok(found) = effects::find(effect) else { return "joint" };
-    match (found.description().acts, effect) {
-        (_, "joint_axis_error") => "kinematic",
-        (Acts::Command(_), _) | (_, "armature_inertia" | "backlash" | "joint_elasticity") => "actuator",
-        (Acts::Measurement(_), _) => "sensor",
-        (Acts::Bodies | Acts::Base, _) => "body",
-        _ => "joint",
-    }
-}
-
-#[allow(clippy::too_many_arguments)]
-fn gaps(
-    search: &Search<'_>,
-    model: &ObjectModel,
-    given: &Fit,
-    refitted: &Fit,
-    current: &Fit,
-    train: &[Trajectory],
-    unseen: &[Trajectory],
-    options: &Options<'_>,
-) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
-    let n = search.names.len();
-    let ranges: Vec<f64> = (0..n)
-        .map(|j| {
-            let limits = &model.joints[search.joints[j]].limits;
-            let seen = train.iter().chain(unseen).flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
-            if limits.range().is_finite() { limits.range() } else { (high - low).max(1e-6) }
-        })
-        .collect();
-    let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
-    let limits = &search.problem.limits;
-    let made = |step: f64| -> Result<[crate::plant::Plant; 3], GapError> {
-        Ok([
-            untouched.plant(&[], limits, step)?,
-            refitted.hypothesis.plant(&refitted.hypothesis.x, limits, step)?,
-            current.hypothesis.plant(&current.hypothesis.x, limits, step)?,
-        ])
-    };
-    let plants = made(FINE)?;
-    // Following the data takes no finer steps than the search did.
-    let followers = made(crate::search::STEP)?;
-    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
-        // By the data alone, so that anyone who has them finds the same figures.
-        let noise = noise::of_motion(data, n, FLOOR);
-        let both: Vec<(Figures, Vec<Predicted>)> = plants
-            .par_iter()
-            .zip(&followers)
-            .map(|(plant, follower)| {
-                let smoothed = Smoothed::new(follower, data, &noise)?;
-                Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
-            })
-            .collect::<Result<_, GapError>>()?;
-        let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
-        let likely = likely_noise(&followers[2], data, &noise, ANY)?;
-        let smoothed = Smoothed::new(&followers[2], data, &noise)?;
-        let invented = smoothed.invent(&plants[2], data, &likely, options.window, options.seed)?;
-        let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
-        let per_joint = (0..n)
-            .map(|j| {
-                let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];
-                let rmse = pick(|f| &f.rmse);
-                let sliding = model.joints[search.joints[j]].kind == JointKind::Prismatic;
-                let gap = JointGap {
-                    before: rmse[0],
-                    refitted: rmse[1],
-                    after: rmse[2],
-                    noise_floor: rmse[3],
-                    median: pick(|f| &f.median),
-                    short: pick(|f| &f.rmse_short),
-                    range: ranges[j],
-                    unit: if sliding { "m" } else { "rad" }.into(),
-                };
-                (search.names[j].clone(), gap)
-            })
-            .collect();
-        let [before, refitted, after] = [0, 1, 2].map(|i| figures[i].pooled);
-        Ok((Gap { before, refitted, after, noise_floor: floor.pooled, per_joint }, predicted))
-    };
-    let (train, mut predicted) = on(train)?;
-    let mut gaps = Gaps { train, held_out: None };
-    if !unseen.is_empty() {
-        let held_out;
-        (held_out, predicted) = on(unseen)?;
-        gaps.held_out = Some(held_out);
-    }
-    Ok((gaps, predicted))
 }

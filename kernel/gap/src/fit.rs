@@ -12,14 +12,18 @@ use rayon::prelude::*;
 
 use crate::GapError;
 use crate::hypothesis::{Fitted, Hypothesis};
-use crate::observer::{self, Gains, Noise};
+use crate::noise;
+use crate::observer::{self, Disturbance, Gains, Noise};
+use crate::plant::Plant;
 use crate::trajectory::Trajectory;
 
 /// Data, and how they are weighed.
 #[derive(Debug, Clone)]
 pub(crate) struct Problem<'a> {
     pub trajectories: &'a [Trajectory],
-    pub gains: Vec<Gains>,
+    pub disturbance: Disturbance,
+    /// Positions at which inertias are taken.
+    middle: Vec<f64>,
     /// Of which joints the URDF's limits are kept.
     pub limits: Vec<bool>,
     /// Longest step, s.
@@ -27,9 +31,25 @@ pub(crate) struct Problem<'a> {
 }
 
 impl<'a> Problem<'a> {
-    pub fn new(trajectories: &'a [Trajectory], noise: &Noise, limits: &[bool], step: f64) -> Self {
-        let gains = trajectories.iter().map(|t| Gains::new(t, noise)).collect();
-        Self { trajectories, gains, limits: limits.to_vec(), step }
+    pub fn new(trajectories: &'a [Trajectory], disturbance: Disturbance, limits: &[bool], step: f64) -> Self {
+        let middle = noise::middle(trajectories, disturbance.effort.len());
+        Self { trajectories, disturbance, middle, limits: limits.to_vec(), step }
+    }
+
+    /// The filter's gains for a plant.
+    pub fn gains(&self, plant: &Plant) -> Vec<Gains> {
+        let noise = self.noise(plant);
+        self.trajectories.iter().map(|t| Gains::new(t, &noise)).collect()
+    }
+
+    /// Noise as the filter of a plant takes it.
+    pub fn noise(&self, plant: &Plant) -> Noise {
+        self.disturbance.behind(&self.inverse_mass(plant))
+    }
+
+    /// Inverse of a plant's mass matrix where the data mostly are, by columns.
+    pub fn inverse_mass(&self, plant: &Plant) -> Vec<f64> {
+        plant.inverse_mass_at(&self.middle)
     }
 
     /// Normalised prediction errors of a hypothesis at `x`, trajectory by trajectory.
@@ -37,7 +57,7 @@ impl<'a> Problem<'a> {
         let plant = hypothesis.plant(x, &self.limits, self.step)?;
         let mut motion = plant.motion();
         let mut errors = Vec::with_capacity(self.count());
-        for (trajectory, gains) in self.trajectories.iter().zip(&self.gains) {
+        for (trajectory, gains) in self.trajectories.iter().zip(&self.gains(&plant)) {
             observer::run(&plant, trajectory, gains, &mut motion, &mut errors, None)?;
         }
         Ok(DVector::from_vec(errors))

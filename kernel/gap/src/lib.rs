@@ -2,11 +2,13 @@
 #![forbid(unsafe_code)]
 
 mod chart;
+mod choice;
 mod confirmed;
 mod error;
 mod find;
 mod fit;
 mod flexible;
+mod gaps;
 mod hypothesis;
 mod map;
 mod noise;
@@ -25,6 +27,8 @@ mod starts;
 #[cfg(test)]
 mod tests;
 mod trajectory;
+mod unseen;
+mod weigh;
 mod windows;
 
 pub use error::GapError;

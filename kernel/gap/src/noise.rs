@@ -1,7 +1,6 @@
 //! How noisy the data are, from the data alone.
 
 use crate::observer::Noise;
-use crate::plant::Plant;
 use crate::trajectory::{Drive, Trajectory};
 
 /// Number of points of a divided difference; it is blind to polynomials of a degree less than this minus one.
@@ -10,12 +9,19 @@ const POINTS: usize = 6;
 /// Standard deviation of the noise on a joint's positions: the median of normalised divided differences, which see nothing of a
 /// smooth motion, and of which jumps in acceleration spoil only few.
 pub(crate) fn of_positions(trajectories: &[Trajectory], joint: usize) -> f64 {
+    let series =
+        |t: &Trajectory| -> Vec<(f64, f64)> { t.time.iter().copied().zip(t.positions(joint)).filter(|(_, y)| y.is_finite()).collect() };
+    let changes = |t: &Trajectory| series(t).windows(2).map(|w| (w[1].1 - w[0].1).abs()).filter(|d| *d > 0.0).collect::<Vec<_>>();
+    let steps: Vec<f64> = trajectories.iter().flat_map(changes).collect();
+    // A position read in steps has at least the noise of these, evenly spread over one.
+    let quantum = quantum(&steps).unwrap_or(0.0) / 12f64.sqrt();
+    median_difference(trajectories.iter().map(series)).max(quantum).max(1e-9)
+}
+
+/// The median of normalised divided differences of series of times and values, as a standard deviation.
+fn median_difference(series: impl Iterator<Item = Vec<(f64, f64)>>) -> f64 {
     let mut differences = Vec::new();
-    let mut steps = Vec::new();
-    for trajectory in trajectories {
-        let samples: Vec<(f64, f64)> =
-            trajectory.time.iter().copied().zip(trajectory.positions(joint)).filter(|(_, y)| y.is_finite()).collect();
-        steps.extend(samples.windows(2).map(|w| (w[1].1 - w[0].1).abs()).filter(|d| *d > 0.0));
+    for samples in series {
         for window in samples.windows(POINTS) {
             let span = window[POINTS - 1].0 - window[0].0;
             let weight = |i: usize| {
@@ -27,14 +33,8 @@ pub(crate) fn of_positions(trajectories: &[Trajectory], joint: usize) -> f64 {
             differences.push((weights.iter().zip(window).map(|(w, s)| w * s.1).sum::<f64>() / norm).abs());
         }
     }
-    let median = |values: &mut Vec<f64>, share: f64| {
-        values.sort_by(f64::total_cmp);
-        values.get(((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1))).copied().unwrap_or(0.0)
-    };
-    let spread = 1.4826 * median(&mut differences, 0.5);
-    // A position read in steps has at least the noise of these, evenly spread over one.
-    let quantum = quantum(&steps).unwrap_or(0.0) / 12f64.sqrt();
-    spread.max(quantum).max(1e-9)
+    differences.sort_by(f64::total_cmp);
+    1.4826 * differences.get(differences.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The step in which positions are read, if all their changes are multiples of one.
@@ -52,27 +52,21 @@ fn quantum(changes: &[f64]) -> Option<f64> {
     (few.len() > 50 && fits as f64 > 0.9 * few.len() as f64).then_some(smallest)
 }
 
-/// Inertia that each joint's drive feels, `1 / (M^-1)_jj`, in the middle of the data.
-pub(crate) fn inertias(plant: &Plant, trajectories: &[Trajectory]) -> Vec<f64> {
-    let multibody = plant.system.multibody();
-    let n = multibody.nv();
-    let mut q = plant.system.state().q;
-    for (j, q) in q.iter_mut().enumerate() {
-        let mut seen: Vec<f64> = trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite()).collect();
-        seen.sort_by(f64::total_cmp);
-        if let Some(middle) = seen.get(seen.len() / 2) {
-            *q = *middle;
-        }
-    }
-    let mut ws = multibody.workspace();
-    let zero = vec![0.0; n];
-    if multibody.set_state(&mut ws, &q, &zero).is_err() {
-        return vec![1.0; n];
-    }
-    let Ok(mass) = multibody.mass_matrix(&mut ws).cloned() else { return vec![1.0; n] };
-    let Some(factor) = nalgebra::Cholesky::new(mass) else { return vec![1.0; n] };
-    let inverse = factor.inverse();
-    (0..n).map(|j| 1.0 / inverse[(j, j)]).collect()
+/// Median of each joint's positions.
+pub(crate) fn middle(trajectories: &[Trajectory], joints: usize) -> Vec<f64> {
+    (0..joints)
+        .map(|j| {
+            let mut seen: Vec<f64> = trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite()).collect();
+            seen.sort_by(f64::total_cmp);
+            seen.get(seen.len() / 2).copied().unwrap_or(0.0)
+        })
+        .collect()
+}
+
+/// Standard deviation of the noise on a joint's measured efforts, where these drive it; zero where they do not.
+pub(crate) fn of_efforts(trajectories: &[Trajectory], joint: usize) -> f64 {
+    let measured = trajectories.iter().filter(|t| t.drive[joint] == Drive::Effort);
+    median_difference(measured.map(|t| t.time.iter().copied().zip(t.input.iter().skip(joint).step_by(t.joints).copied()).collect()))
 }
 
 /// What the data alone say, whatever the model: the noise of positions, and a share of the motion's accelerations.

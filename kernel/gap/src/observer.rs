@@ -7,15 +7,54 @@
 //! e_k = y_k - y(x_k),   x_k <- x_k + K_k e_k,   x_k+1 = simulate(x_k, u_k)
 //! ```
 //!
-//! If the model is right, the errors `e_k` are white with variance `S_k = P + sigma^2`. The gain depends on time and on the noises
-//! alone, never on the model's parameters. So `e` is a smooth function of these, each error depends on the motion of a short time
-//! only, and least squares over `e / sqrt(S)` is a well-conditioned problem even where a model is far off.
+//! If the model is right, the errors `e_k` are white with variance `S_k = P + sigma^2`. The gain depends on time, on the noises and on
+//! the inertias that these act on, and on nothing else of the model. So `e` is a smooth function of the model's parameters, each error
+//! depends on the motion of a short time only, and least squares is a well-conditioned problem even where a model is far off.
+//!
+//! Two noises drive the state. What no model has is a share of the motion's own accelerations, whatever the inertia. The noise of a
+//! measured effort that drives the model is a force, and accelerates less where there is more inertia: taken as an acceleration it would
+//! make heavier models fit better, the attenuation of a slope whose regressor is noisy (Fuller 1987). It is the effort that is observed with
+//! noise, given the motion, so the density of an error is that of a force, and has no term for the inertia's own logarithm.
 
 use crate::GapError;
 use crate::plant::{Motion, Plant};
 use crate::trajectory::Trajectory;
 
-/// Standard deviations, by joint.
+/// What the data bring with them: standard deviations, by joint.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Disturbance {
+    /// Of measured positions, rad or m.
+    pub position: Vec<f64>,
+    /// Of accelerations that no model has, each held over one interval, rad/s^2 or m/s^2.
+    pub acceleration: Vec<f64>,
+    /// Of measured efforts that drive the model, each held over one interval, N m or N.
+    pub effort: Vec<f64>,
+}
+
+impl Disturbance {
+    /// What a filter sees of it behind an inverse mass matrix, by columns.
+    pub fn behind(&self, inverse_mass: &[f64]) -> Noise {
+        let n = self.effort.len();
+        let pushed = |i: usize| (0..n).map(|j| (inverse_mass[j * n + i] * self.effort[j]).powi(2)).sum::<f64>();
+        let along = |i: usize| (self.acceleration[i].powi(2) + pushed(i)).sqrt();
+        Noise { position: self.position.clone(), acceleration: (0..n).map(along).collect() }
+    }
+
+    /// The same, larger by factors.
+    pub fn times(&self, [position, acceleration, effort]: [f64; 3]) -> Self {
+        Self {
+            position: times(&self.position, position),
+            acceleration: times(&self.acceleration, acceleration),
+            effort: times(&self.effort, effort),
+        }
+    }
+}
+
+fn times(values: &[f64], factor: f64) -> Vec<f64> {
+    values.iter().map(|x| factor * x).collect()
+}
+
+/// Standard deviations as a filter takes them, by joint.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Noise {
     /// Of measured positions, rad or m.
@@ -24,12 +63,19 @@ pub(crate) struct Noise {
     pub acceleration: Vec<f64>,
 }
 
+impl Noise {
+    /// The same, larger by factors.
+    pub fn times(&self, [position, acceleration]: [f64; 2]) -> Self {
+        Self { position: times(&self.position, position), acceleration: times(&self.acceleration, acceleration) }
+    }
+}
+
 /// Gains of one trajectory.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Gains {
     joints: usize,
     /// Position and velocity gain, and the standard deviation of the prediction error, by row and joint; zeros where nothing was
-    /// measured.
+    /// measured, an infinite deviation where the error is not counted.
     rows: Vec<[f64; 3]>,
     /// Covariance (qq, qv, vv) before and after the measurement, by row and joint.
     before: Vec<[f64; 3]>,
@@ -38,6 +84,10 @@ pub(crate) struct Gains {
 
 /// How far a first position may be off before anything is known, rad or m: an encoder's offset, and more. A first velocity, 1 rad/s or m/s.
 const FIRST_POSITION: f64 = 0.03;
+/// Rows after a start whose errors are not counted: they are made of what the first state was off by, in ways that no model explains.
+const BURN_IN: usize = 10;
+/// Rows by which a first velocity is taken.
+const FIRST_ROWS: usize = 6;
 
 impl Gains {
     pub fn new(trajectory: &Trajectory, noise: &Noise) -> Self {
@@ -46,13 +96,14 @@ impl Gains {
         let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero };
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
-            let mut p = [0.0; 3];
+            let q = noise.acceleration[j] * noise.acceleration[j];
+            let (mut p, mut counted) = ([0.0; 3], 0);
             for k in 0..rows {
                 if trajectory.starts.contains(&k) {
+                    counted = k + BURN_IN;
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
-                    let q = noise.acceleration[j] * noise.acceleration[j];
                     let [a, b, c] = p;
                     p = [a + 2.0 * h * b + h * h * c + q * h.powi(4) / 4.0, b + h * c + q * h.powi(3) / 2.0, c + q * h * h];
                 }
@@ -61,7 +112,7 @@ impl Gains {
                 if trajectory.position[at].is_finite() {
                     let s = p[0] + variance;
                     let gain = [p[0] / s, p[1] / s];
-                    gains.rows[at] = [gain[0], gain[1], s.sqrt()];
+                    gains.rows[at] = [gain[0], gain[1], if k < counted { f64::INFINITY } else { s.sqrt() }];
                     p = [p[0] * (1.0 - gain[0]), p[1] * (1.0 - gain[0]), p[2] - gain[1] * p[1]];
                 }
                 gains.after[at] = p;
@@ -70,17 +121,17 @@ impl Gains {
         gains
     }
 
-    /// Sum of the logarithms of the errors' standard deviations, and their number.
     /// Position and velocity gain, and the standard deviation of the prediction error, by row and joint.
     pub fn rows(&self) -> &[[f64; 3]] {
         &self.rows
     }
 
+    /// Sum of the logarithms of the errors' standard deviations.
     pub fn log_determinant(&self) -> f64 {
-        self.rows.iter().filter(|r| r[2] > 0.0).map(|r| r[2].ln()).sum()
+        self.rows.iter().filter(|r| r[2] > 0.0 && r[2].is_finite()).map(|r| r[2].ln()).sum()
     }
 
-    /// Standard deviation of the prediction error of an entry; zero where nothing was measured.
+    /// Standard deviation of the prediction error of an entry; zero where nothing was measured, infinite where it is not counted.
     pub fn deviation(&self, entry: usize) -> f64 {
         self.rows[entry][2]
     }
@@ -95,6 +146,8 @@ impl Gains {
 /// States along a run, row by row, as the filter has them after each measurement.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Run {
+    /// Gains of the filter.
+    pub gains: Gains,
     pub q: Vec<f64>,
     pub v: Vec<f64>,
     /// What the model predicted for the row from the one before.
@@ -126,7 +179,7 @@ pub(crate) fn run(
     for k in 0..trajectory.rows() {
         if trajectory.starts.contains(&k) {
             for j in 0..n {
-                motion.state.v[j] = 0.0;
+                motion.state.v[j] = first_velocity(trajectory, k, j);
                 motion.acceleration[j] = 0.0;
                 let first = trajectory.position.iter().skip(k * n + j).step_by(n).find(|y| y.is_finite());
                 motion.state.q[j] = first.copied().unwrap_or(0.0);
@@ -162,6 +215,18 @@ pub(crate) fn run(
         }
     }
     Ok(())
+}
+
+/// Slope of a line through the first positions after a start (least squares).
+fn first_velocity(trajectory: &Trajectory, start: usize, j: usize) -> f64 {
+    let n = trajectory.joints;
+    let end = trajectory.starts.iter().copied().find(|s| *s > start).unwrap_or(trajectory.rows());
+    let rows: Vec<usize> = (start..end).filter(|k| trajectory.position[k * n + j].is_finite()).take(FIRST_ROWS).collect();
+    let mean = |f: &dyn Fn(usize) -> f64| rows.iter().map(|k| f(*k)).sum::<f64>() / rows.len().max(1) as f64;
+    let (t, y) = (|k: usize| trajectory.time[k], |k: usize| trajectory.position[k * n + j]);
+    let (middle, level) = (mean(&t), mean(&y));
+    let spread = mean(&|k| (t(k) - middle).powi(2));
+    if spread > 0.0 { mean(&|k| (t(k) - middle) * (y(k) - level)) / spread } else { 0.0 }
 }
 
 /// Smooths a run backwards (Rauch, Tung and Striebel 1965), with the filter's own covariances.

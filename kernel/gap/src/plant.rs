@@ -1,5 +1,6 @@
 //! The model under test, driven by what was measured.
 
+use nalgebra::DMatrix;
 use sagci_dynamics::{Input, Part, State, StepWorkspace, System};
 use sagci_model::{ActuatorLaw, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
@@ -138,6 +139,16 @@ impl Plant {
             Some(factor) => into.extend_from_slice(factor.inverse().as_slice()),
             None => into.extend(std::iter::repeat_n(0.0, n * n)),
         }
+    }
+
+    /// Inverse of the mass matrix at positions, by columns.
+    pub fn inverse_mass_at(&self, q: &[f64]) -> Vec<f64> {
+        let multibody = self.system.multibody();
+        let n = multibody.nv();
+        let mut ws = multibody.workspace();
+        let mass = multibody.set_state(&mut ws, q, &vec![0.0; n]).and_then(|()| multibody.mass_matrix(&mut ws).cloned());
+        let inverse = mass.ok().and_then(nalgebra::Cholesky::new).map_or_else(|| DMatrix::identity(n, n), |f| f.inverse());
+        inverse.as_slice().to_vec()
     }
 
     /// The position that is read on joint `j` at the state's time, by its stamp.

@@ -178,7 +178,7 @@ pub(crate) fn draw(
                     Some(Drive::Command(_)) => "a command, through its drive's law",
                     Some(_) => "a measured effort",
                 },
-                noise: search.noise.position[j],
+                noise: search.problem.disturbance.position[j],
                 position: span(train.iter().chain(unseen).flat_map(|t| t.positions(j))),
                 velocity: range(&|p| p.v),
                 time: range(&|p| p.time),

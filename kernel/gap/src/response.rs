@@ -10,7 +10,7 @@
 //! which costs a few operations a row, where a run of the simulator costs thousands.
 
 use nalgebra::{DMatrix, DVector};
-use sagci_dynamics::effects::{Advance, Effect, HISTORY, Instant, Resistance};
+use sagci_dynamics::effects::{Effect, HISTORY, Instant};
 
 use crate::fit::Fit;
 use crate::flexible::Place;
@@ -53,7 +53,7 @@ impl Response {
     pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize, scale: f64) -> Self {
         let n = search.names.len();
         let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
-        for ((trajectory, all), run) in search.problem.trajectories.iter().zip(&search.problem.gains).zip(runs) {
+        for (trajectory, run) in search.problem.trajectories.iter().zip(runs) {
             for k in 0..trajectory.rows() {
                 let i = k * n + joint;
                 let start = trajectory.starts.contains(&k);
@@ -71,7 +71,7 @@ impl Response {
                 });
                 inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
             }
-            gains.extend_from_slice(all.rows());
+            gains.extend_from_slice(run.gains.rows());
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
         let decay = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
@@ -121,21 +121,17 @@ impl Response {
     pub fn forces(&self, effect: &dyn Effect, theta: &[f64]) -> Vec<f64> {
         let inner = effect.states();
         let mut z = vec![0.0; inner + if effect.keeps_history() { 2 * HISTORY } else { 0 }];
-        let mut forces = Vec::with_capacity(self.rows.len());
+        let (mut next, mut forces) = (z.clone(), Vec::with_capacity(self.rows.len()));
         for row in &self.rows {
             if row.fresh {
                 z.fill(0.0);
             }
             let at = Instant { q: row.q, v: row.v, next: row.next, dt: row.h, input: row.input, load: row.load, time: row.time, z: &z };
-            let mut out = Resistance::default();
-            effect.resist(theta, &at, &mut out);
-            forces.push(out.total(row.next).value);
+            forces.push(effect.force(theta, &at).total(row.next));
             if inner > 0 && row.h > 0.0 {
-                let mut advance = Advance::default();
-                effect.advance(theta, &at, &mut advance);
-                for (z, next) in z.iter_mut().zip(advance.z.iter().take(inner)) {
-                    *z = next.value;
-                }
+                next.copy_from_slice(&z);
+                effect.advance_values(theta, &at, &mut next);
+                std::mem::swap(&mut z, &mut next);
             }
         }
         forces
@@ -185,7 +181,7 @@ impl Response {
         let force = |k: usize| {
             let [_, gain, deviation] = self.gains[k * n + j];
             let (h, inverse) = (self.rows[k].h, self.inverse[k * n + j]);
-            if h > 0.0 && inverse > 0.0 { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
+            if h > 0.0 && inverse > 0.0 && deviation.is_finite() { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
         };
         (0..self.rows.len()).map(force).collect()
     }

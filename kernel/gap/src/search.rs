@@ -11,7 +11,7 @@ use crate::GapError;
 use crate::fit::{Effort, Fit, Problem};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::noise;
-use crate::observer::{self, Noise, Run};
+use crate::observer::{self, Disturbance, Run};
 use crate::response::Response;
 use crate::starts::{JointView, observable, starts};
 use crate::trajectory::{Drive, Trajectory, joint_names};
@@ -31,7 +31,8 @@ pub(crate) struct Candidate {
 #[derive(Debug)]
 pub(crate) struct Search<'a> {
     pub problem: Problem<'a>,
-    pub noise: Noise,
+    /// Acceleration that no model has, by joint, at the least.
+    pub floor: Vec<f64>,
     /// Names of the degrees of freedom, and the model's joints.
     pub names: Vec<String>,
     pub joints: Vec<usize>,
@@ -71,17 +72,20 @@ impl<'a> Search<'a> {
         let n = names.len();
         let limits: Vec<bool> = (0..n).map(|j| reached(model, joints[j], trajectories, j)).collect();
         let known = Hypothesis::known(model, &joints);
-        let plant = known.plant(&known.x, &limits, STEP)?;
-        let inertias = noise::inertias(&plant, trajectories);
+        let given = known.plant(&known.x, &limits, STEP)?;
+        let inverse = given.inverse_mass_at(&noise::middle(trajectories, n));
+        let inertias: Vec<f64> = (0..n).map(|j| 1.0 / inverse[j * n + j]).collect();
         let typical = noise::accelerations(trajectories, &inertias);
-        let noise = Noise {
+        let floor: Vec<f64> = typical.iter().map(|a| FLOOR * a).collect();
+        let disturbance = Disturbance {
             position: (0..n).map(|j| noise::of_positions(trajectories, j)).collect(),
-            acceleration: typical.iter().map(|a| FLOOR * a).collect(),
+            acceleration: floor.clone(),
+            effort: (0..n).map(|j| noise::of_efforts(trajectories, j)).collect(),
         };
         let any = |test: &dyn Fn(Drive) -> bool, j: usize| trajectories.iter().any(|t| test(t.drive[j]));
         Ok(Self {
-            problem: Problem::new(trajectories, &noise, &limits, STEP),
-            noise,
+            problem: Problem::new(trajectories, disturbance, &limits, STEP),
+            floor,
             commanded: (0..n).map(|j| any(&|d| matches!(d, Drive::Command(_)), j)).collect(),
             driven: (0..n).map(|j| any(&|d| d != Drive::Free, j)).collect(),
             names,
@@ -174,11 +178,12 @@ impl<'a> Search<'a> {
         let mut ranked: Vec<Screened> = best.into_values().collect();
         ranked.sort_by(|a, b| b.worth.total_cmp(&a.worth));
         ranked.truncate(SEMIFINALISTS);
+        // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
         let most = ranked.first().map_or(0.0, |r| r.worth);
         let mut place = 0;
         ranked.retain(|r| {
             place += 1;
-            place <= 4 || r.worth > HOPE * most
+            r.worth > -NEAR && (place <= 4 || r.worth > HOPE * most)
         });
         let quick = Effort { rounds: 2, enough: 0.5 };
         let mut ranked: Vec<Candidate> = ranked
@@ -276,10 +281,11 @@ impl<'a> Search<'a> {
         let mut motion = plant.motion();
         let mut errors = Vec::new();
         let mut runs = Vec::new();
-        for (trajectory, gains) in self.problem.trajectories.iter().zip(&self.problem.gains) {
-            let mut run = Run::default();
+        for (trajectory, gains) in self.problem.trajectories.iter().zip(self.problem.gains(&plant)) {
+            let mut run = Run { gains, ..Run::default() };
             errors.clear();
-            observer::run(&plant, trajectory, gains, &mut motion, &mut errors, Some(&mut run))?;
+            let gains = run.gains.clone();
+            observer::run(&plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
             runs.push(run);
         }
         Ok(runs)
@@ -296,13 +302,14 @@ impl<'a> Search<'a> {
     pub fn lacking(&self, errors: &DVector<f64>, runs: &[Run], j: usize) -> Vec<[f64; 4]> {
         let mut rows = Vec::new();
         let mut at = 0;
-        for ((trajectory, gains), run) in self.problem.trajectories.iter().zip(&self.problem.gains).zip(runs) {
+        for (trajectory, run) in self.problem.trajectories.iter().zip(runs) {
+            let gains = &run.gains;
             let n = trajectory.joints;
             for k in 0..trajectory.rows() {
                 let i = k * n + j;
                 // Lacking `dtau` slows: its sign is opposite to the correction's.
                 let force = -self.inertias[j] * gains.acceleration(trajectory, k, j) * errors[at + i] * gains.deviation(i);
-                if trajectory.position[i].is_finite() && !trajectory.starts.iter().any(|s| k >= *s && k < s + 20) {
+                if gains.deviation(i).is_finite() && trajectory.position[i].is_finite() {
                     rows.push([force, run.q[i], run.v[i], trajectory.time[k]]);
                 }
             }

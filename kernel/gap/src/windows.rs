@@ -48,39 +48,46 @@ pub(crate) struct Smoothed {
 /// Factors on the noises among which the most likely are taken.
 const ACCELERATIONS: [f64; 12] = [0.05, 0.15, 0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 const POSITIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+/// What a drive really does from sample to sample looks like noise of its effort.
+const EFFORTS: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 
 /// No bounds.
-pub(crate) const ANY: [f64; 2] = [0.0, f64::INFINITY];
+const ANY: [f64; 2] = [0.0, f64::INFINITY];
 
-/// The noise under which a plant's prediction errors are most likely, the noise of accelerations within `range` times the one given: a
-/// model that lacks something is trusted less. Noise of positions that is not white hides from neighbouring samples, so it is asked
-/// about here, too.
-pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &Noise, range: [f64; 2]) -> Result<Noise, GapError> {
-    let cost = |tried: &Noise| -> f64 {
+/// Factors on the noises of positions, accelerations and efforts under which a plant's prediction errors are most likely, that on
+/// accelerations within `range`: a model that lacks something is trusted less. Noise of positions that is not white hides from
+/// neighbouring samples, so it is asked about here, too. `noise` are the filter's at factors.
+pub(crate) fn likely_noise(
+    plant: &Plant,
+    trajectories: &[Trajectory],
+    noise: &(dyn Fn([f64; 3]) -> Noise + Sync),
+    range: [f64; 2],
+) -> [f64; 3] {
+    let cost = |factors: [f64; 3]| -> f64 {
         let one = |trajectory: &Trajectory| {
-            let gains = Gains::new(trajectory, tried);
+            let gains = Gains::new(trajectory, &noise(factors));
             let mut errors = Vec::new();
             let run = observer::run(plant, trajectory, &gains, &mut plant.motion(), &mut errors, None);
             run.map_or(f64::INFINITY, |()| 0.5 * errors.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
         };
         trajectories.par_iter().map(one).sum()
     };
-    let with = |position: f64, acceleration: f64| Noise {
-        position: noise.position.iter().map(|x| position * x).collect(),
-        acceleration: noise.acceleration.iter().map(|x| acceleration * x).collect(),
-    };
-    // Along one, then along the other: the cost has one valley.
-    let mut best = (cost(noise), 1.0, 1.0);
+    // Along one, then along the others: the cost has one valley.
+    let mut best = (cost([1.0; 3]), [1.0; 3]);
+    let efforts = noise([1.0; 3]) != noise([1.0, 1.0, 0.0]);
     for _ in 0..2 {
-        let before = (best.1, best.2);
-        for along in [0, 1] {
-            let factors: &[f64] = if along == 0 { &ACCELERATIONS } else { &POSITIONS };
+        let before = best.1;
+        for (along, factors) in [&POSITIONS[..], &ACCELERATIONS[..], &EFFORTS[..]].into_iter().enumerate() {
+            if along == 2 && !efforts {
+                continue;
+            }
             let mut worse = 0;
-            for factor in factors.iter().filter(|f| along == 1 || (range[0]..=range[1]).contains(*f)) {
-                let (position, acceleration) = if along == 0 { (best.1, *factor) } else { (*factor, best.2) };
-                let found = cost(&with(position, acceleration));
+            for factor in factors.iter().filter(|f| along != 1 || (range[0]..=range[1]).contains(*f)) {
+                let mut tried = best.1;
+                tried[along] = *factor;
+                let found = cost(tried);
                 if found < best.0 {
-                    best = (found, position, acceleration);
+                    best = (found, tried);
                     worse = 0;
                 } else {
                     worse += 1;
@@ -90,16 +97,25 @@ pub(crate) fn likely_noise(plant: &Plant, trajectories: &[Trajectory], noise: &N
                 }
             }
         }
-        if before == (best.1, best.2) {
+        if before == best.1 {
             break;
         }
     }
-    Ok(with(best.1, best.2))
+    best.1
+}
+
+impl Noise {
+    /// The same, as large as makes a plant's prediction errors most likely.
+    pub fn likely(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
+        let at = |[position, acceleration, _]: [f64; 3]| self.times([position, acceleration]);
+        let [position, acceleration, _] = likely_noise(plant, trajectories, &at, ANY);
+        self.times([position, acceleration])
+    }
 }
 
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        let noise = likely_noise(plant, trajectories, noise, ANY)?;
+        let noise = noise.likely(plant, trajectories);
         let mut motion = plant.motion();
         let mut errors = Vec::new();
         let mut runs = Vec::new();

@@ -1,7 +1,7 @@
 //! `u / (time_constant s + 1)`: a current loop. With the input held over the step the lag is solved exactly; what goes on is its mean
 //! over the step. The inner state is the lagged effort.
 
-use super::{ABOVE_ZERO, Acts, Advance, Description, Effect, Instant, Parameter, Partial, Transfer, around, unit};
+use super::{ABOVE_ZERO, Acts, Advance, Description, Instant, Law, Number, Parameter, Transfer, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ActuatorLag;
@@ -20,7 +20,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ActuatorLag {
+impl Law for ActuatorLag {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -29,15 +29,15 @@ impl Effect for ActuatorLag {
         1
     }
 
-    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
-        let x = at.variables(theta);
-        let mean = (Partial::constant(at.dt) / x.theta[0]).mean_decay();
+    fn command<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer<N>) {
+        let x = at.variables::<N>(theta);
+        let mean = (N::constant(at.dt) / x.theta[0]).mean_decay();
         out.output = x.input + (x.z[0] - x.input) * mean;
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
-        let x = at.variables(theta);
-        let decay = (Partial::constant(-at.dt) / x.theta[0]).exp();
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
+        let x = at.variables::<N>(theta);
+        let decay = (N::constant(-at.dt) / x.theta[0]).exp();
         out.z[0] = x.input + (x.z[0] - x.input) * decay;
     }
 }

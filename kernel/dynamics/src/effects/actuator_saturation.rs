@@ -1,6 +1,6 @@
 //! `u` clipped at `limit` both ways: what the drive can give.
 
-use super::{Acts, Description, Effect, Instant, Parameter, SIZE, Transfer, around, unit};
+use super::{Acts, Description, Instant, Law, Number, Parameter, SIZE, Transfer, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ActuatorSaturation;
@@ -18,13 +18,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ActuatorSaturation {
+impl Law for ActuatorSaturation {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
-        let x = at.variables(theta);
+    fn command<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer<N>) {
+        let x = at.variables::<N>(theta);
         out.output = x.input.clamp(-x.theta[0], x.theta[0]);
     }
 }

@@ -4,7 +4,7 @@
 //! Over a step at one velocity `p` is exact. Where the step crosses the seal, the force acts on the share of the step's way that
 //! lies below it, so its derivative by `seal_position` is that of the impulse.
 
-use super::{ABOVE_ZERO, ANY, Advance, Description, Effect, Instant, Parameter, Partial, Resistance, SIZE, Variables};
+use super::{ABOVE_ZERO, ANY, Advance, Description, Instant, Law, Number, Parameter, Resistance, SIZE, Variables};
 use super::{around, unit};
 
 #[derive(Debug)]
@@ -27,16 +27,16 @@ static DESCRIPTION: Description = Description {
 };
 
 /// The share of the step that is sealed, and the compression at the end of that share.
-fn compression(x: &Variables, theta: &[f64], dt: f64) -> (Partial, Partial) {
+fn compression<N: Number>(x: &Variables<N>, theta: &[f64], dt: f64) -> (N, N) {
     let [_, time_constant, seal, ..] = x.theta;
-    let share = if theta[2] == 0.0 { Partial::constant(1.0) } else { x.share_below(seal) };
+    let share = if theta[2] == 0.0 { N::constant(1.0) } else { x.share_below(seal) };
     let decays = share * dt / time_constant;
     // exp(-x) = 1 - x mean_decay(x), and the integral of the decay is its time times its mean.
     let mean = decays.mean_decay();
     (share, x.z[0] * (-decays).exp() - x.next * share * dt * mean)
 }
 
-impl Effect for AirSuction {
+impl Law for AirSuction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -45,13 +45,13 @@ impl Effect for AirSuction {
         1
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let (share, p) = compression(&x, theta, at.dt);
         out.smooth = -(x.theta[0] * share * p);
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         if theta[2] == 0.0 || at.end() < theta[2] {
             out.z[0] = compression(&at.variables(theta), theta, at.dt).1;
         }

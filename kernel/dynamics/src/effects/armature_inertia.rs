@@ -1,6 +1,6 @@
 //! `dtau = inertia dv/dt`: the rotor that turns with the joint, through its gear. It adds to the mass matrix' diagonal.
 
-use super::{Acts, Description, Effect, Parameter, Partial, Reshape, SIZE, around, unit};
+use super::{Acts, Description, Law, Parameter, Partial, Reshape, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ArmatureInertia;
@@ -19,7 +19,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ArmatureInertia {
+impl Law for ArmatureInertia {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

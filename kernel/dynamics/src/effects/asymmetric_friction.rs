@@ -1,7 +1,7 @@
 //! `dtau = friction+ + damping+ v` for `v > 0`, `-friction- + damping- v` for `v < 0`, and anything between `friction+` and
 //! `-friction-` at rest: a seal or a gear that runs better one way.
 
-use super::{Description, Effect, Instant, Parameter, Resistance, SIZE, around, unit};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, SIZE, Variable, around, unit};
 
 #[derive(Debug)]
 pub(super) struct AsymmetricFriction;
@@ -23,18 +23,16 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for AsymmetricFriction {
+impl Law for AsymmetricFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        for (i, bound) in out.dry.iter_mut().enumerate() {
-            bound.value = theta[i];
-            bound.d_theta[i] = 1.0;
-        }
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        out.dry = [0, 1].map(|i| N::variable(theta[i], Variable::Theta(i)));
         let i = if at.next < 0.0 { 3 } else { 2 };
-        out.smooth = at.force(theta[i] * at.next, 0.0, theta[i]);
-        out.smooth.d_theta[i] = at.next;
+        let mut by_theta = [0.0; 4];
+        by_theta[i] = at.next;
+        out.smooth = at.force(theta[i] * at.next, [0.0, theta[i]], by_theta);
     }
 }

@@ -5,7 +5,7 @@
 //! would become `phi + h (omega + h u / J - w)`; what goes beyond `half_gap` is what the link is pushed with. The input drives the
 //! motor, so `dtau = u - push`.
 
-use super::{ABOVE_ZERO, Advance, Description, Effect, Instant, Parameter, Reading, Resistance, SIZE, Stop};
+use super::{ABOVE_ZERO, Advance, Description, Instant, Law, Number, Parameter, Partial, Reading, Resistance, SIZE, Stop};
 use super::{around, unit};
 
 #[derive(Debug)]
@@ -28,7 +28,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for Backlash {
+impl Law for Backlash {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -37,12 +37,12 @@ impl Effect for Backlash {
         2
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
         // At an instant the force is an impulse or nothing: the command is taken to pass.
         if at.dt == 0.0 {
             return;
         }
-        let x = at.variables(theta);
+        let x = at.variables::<N>(theta);
         let [half_gap, inertia, ..] = x.theta;
         let [gap, rate] = x.z;
         let h = at.dt;
@@ -53,8 +53,8 @@ impl Effect for Backlash {
         out.stops = [Some(Stop::new(-1.0, ahead, at.next, false)), Some(Stop::new(1.0, behind, at.next, false))];
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
-        let x = at.variables(theta);
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
+        let x = at.variables::<N>(theta);
         let [half_gap, inertia, ..] = x.theta;
         let [gap, rate] = x.z;
         let alone = gap + (x.v + rate + x.input * at.dt / inertia - x.next) * at.dt;
@@ -70,7 +70,7 @@ impl Effect for Backlash {
 /// The encoder on the motor reads the motor, whose position and velocity relative to the link are the inner states.
 pub(super) fn read_motor(encoder: f64, at: &Instant<'_>, out: &mut Reading) {
     if encoder > 0.5 {
-        let x = at.variables(&[]);
+        let x = at.variables::<Partial>(&[]);
         (out.position, out.velocity) = (x.q + x.z[0], x.v + x.z[1]);
     }
 }

@@ -1,7 +1,7 @@
 //! `dtau = stiffness (q - rest_position) + loop_force z + damping v`, `dz/dq = (sgn(v) - z) / loop_length`: a cable that is bent and
 //! rubs in itself. Over a step at one velocity `z` relaxes exactly, so the loop does not depend on the rate.
 
-use super::{ABOVE_ZERO, ANY, Advance, Description, Effect, Instant, PLACE, Parameter, Partial, Resistance, SIZE, Variables};
+use super::{ABOVE_ZERO, ANY, Advance, Description, Instant, Law, Number, PLACE, Parameter, Resistance, SIZE, Variables};
 use super::{around, sign, unit};
 
 #[derive(Debug)]
@@ -26,13 +26,13 @@ static DESCRIPTION: Description = Description {
 };
 
 /// The loop's state at the end of the step.
-fn end_of_loop(x: &Variables, dt: f64) -> Partial {
+fn end_of_loop<N: Number>(x: &Variables<N>, dt: f64) -> N {
     let way = x.next.abs() * dt / x.theta[3];
-    let side = sign(x.next.value);
+    let side = sign(x.next.value());
     (x.z[0] + -side) * (-way).exp() + side
 }
 
-impl Effect for CableHysteresis {
+impl Law for CableHysteresis {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -41,13 +41,13 @@ impl Effect for CableHysteresis {
         1
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [stiffness, rest, force, _, damping, ..] = x.theta;
         out.smooth = stiffness * (x.end - rest) + force * end_of_loop(&x, at.dt) + damping * x.next;
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         out.z[0] = end_of_loop(&at.variables(theta), at.dt);
     }
 }

@@ -1,7 +1,7 @@
 //! What is measured at `t` is stamped `t + skew` against the command. The values are untouched, so nothing is approximated: compare
 //! readings by their stamps.
 
-use super::{Acts, Description, Effect, Instant, Parameter, Reading, near, unit};
+use super::{Acts, Description, Instant, Law, Parameter, Reading, near, unit};
 
 #[derive(Debug)]
 pub(super) struct ClockSkew;
@@ -20,7 +20,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ClockSkew {
+impl Law for ClockSkew {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

@@ -1,6 +1,6 @@
 //! `dtau = friction sgn(v)`, and whatever holds the joint at rest up to `friction`: Coulomb's law.
 
-use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, SIZE, Variable, around, unit};
 
 #[derive(Debug)]
 pub(super) struct CoulombFriction;
@@ -19,19 +19,12 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for CoulombFriction {
+impl Law for CoulombFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance) {
-        for bound in &mut out.dry {
-            bound.value = theta[0];
-            bound.d_theta[0] = 1.0;
-        }
-    }
-
-    fn force(&self, theta: &[f64], _at: &Instant<'_>) -> Force {
-        Force { dry: [theta[0]; 2], ..Force::default() }
+    fn resist<N: Number>(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance<N>) {
+        out.dry_both(N::variable(theta[0], Variable::Theta(0)));
     }
 }

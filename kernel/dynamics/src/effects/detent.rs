@@ -1,7 +1,7 @@
 //! `dtau = force x exp(1/2 - x^2 / 2)`, `x = (q - position) / width`: a ball that snaps into a groove. A well of potential with
 //! its greatest force at `x = 1`.
 
-use super::{ABOVE_ZERO, ANY, Description, Effect, Instant, PLACE, Parameter, Resistance, around, near, unit};
+use super::{ABOVE_ZERO, ANY, Description, Instant, Law, Number, PLACE, Parameter, Resistance, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct Detent;
@@ -22,18 +22,18 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for Detent {
+impl Law for Detent {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [force, position, width, ..] = x.theta;
         let place = (x.end - position) / width;
         let well = (place * place * -0.5 + 0.5).exp();
         // Far away the force is zero, however far that is.
-        if well.value > 0.0 {
+        if well.value() > 0.0 {
             out.smooth = force * place * well;
         }
     }

@@ -1,6 +1,6 @@
 //! `measured = (1 + scale_error) q + offset`.
 
-use super::{ANY, Acts, Description, Effect, Instant, Parameter, Partial, Reading, near, unit};
+use super::{ANY, Acts, Description, Instant, Law, Parameter, Partial, Reading, near, unit};
 
 #[derive(Debug)]
 pub(super) struct EncoderOffset;
@@ -22,14 +22,14 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for EncoderOffset {
+impl Law for EncoderOffset {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
     fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
-        let x = at.variables(theta);
-        let scale: Partial = x.theta[1] + 1.0;
+        let x = at.variables::<Partial>(theta);
+        let scale = x.theta[1] + 1.0;
         (out.position, out.velocity) = (scale * x.q + x.theta[0], scale * x.v);
     }
 }

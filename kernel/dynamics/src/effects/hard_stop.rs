@@ -2,7 +2,7 @@
 //! its depth, so that the force is continuous at touch (Hunt and Crossley 1975). It stands in place of the URDF's limit on its
 //! side. A step takes the spring at its end and the loss at the depth of its start, so the push is linear in the next velocity.
 
-use super::{ANY, Description, Effect, Instant, PLACE, Parameter, Prior, Resistance, SIZE, Stop, around, unit};
+use super::{ANY, Description, Instant, Law, Number, PLACE, Parameter, Prior, Resistance, SIZE, Stop, around, unit};
 
 #[derive(Debug)]
 pub(super) struct HardStop;
@@ -26,13 +26,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for HardStop {
+impl Law for HardStop {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [stiffness, dissipation, position, _, ..] = x.theta;
         let side = theta[3];
         let deep = ((x.q - position) * side).positive();

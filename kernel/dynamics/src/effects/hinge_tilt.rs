@@ -1,6 +1,6 @@
 //! `dtau = amplitude sin(q + phase)`, `amplitude = m g r sin(tilt)`: gravity on a hinge whose axis is not upright.
 
-use super::{ANY, Description, Effect, Instant, Parameter, Resistance, near, unit};
+use super::{ANY, Description, Instant, Law, Number, Parameter, Resistance, near, unit};
 
 #[derive(Debug)]
 pub(super) struct HingeTilt;
@@ -20,15 +20,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for HingeTilt {
+impl Law for HingeTilt {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
         let (sin, cos) = (at.end() + theta[1]).sin_cos();
-        out.smooth = at.force(theta[0] * sin, theta[0] * cos, 0.0);
-        out.smooth.d_theta[0] = sin;
-        out.smooth.d_theta[1] = theta[0] * cos;
+        out.smooth = at.force(theta[0] * sin, [theta[0] * cos, 0.0], [sin, theta[0] * cos]);
     }
 }

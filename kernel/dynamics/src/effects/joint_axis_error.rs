@@ -1,7 +1,7 @@
 //! The joint's axis turned by `angle` about the direction `rx, ry, rz`, and its origin moved by `x, y, z`, both in the joint's frame. The
 //! direction's length does not count; what lies along the axis turns nothing. The link's own frame keeps its place on the joint.
 
-use super::{ANY, Acts, Description, Effect, Parameter, Partial, Reshape, near, unit};
+use super::{ANY, Acts, Description, Law, Number, Parameter, Partial, Reshape, near, unit};
 
 #[derive(Debug)]
 pub(super) struct JointAxisError;
@@ -28,7 +28,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for JointAxisError {
+impl Law for JointAxisError {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

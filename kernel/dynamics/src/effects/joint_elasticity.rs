@@ -6,7 +6,7 @@
 //! (Hairer, Lubich and Wanner 2006, chapter VI). A mode above the step's Nyquist frequency rings there until `damping` ends it.
 
 use super::backlash::read_motor;
-use super::{ABOVE_ZERO, Advance, Description, Effect, Instant, Parameter, Partial, Reading, Resistance, SIZE, Variables};
+use super::{ABOVE_ZERO, Advance, Description, Instant, Law, Number, Parameter, Reading, Resistance, SIZE, Variables};
 use super::{around, unit};
 
 #[derive(Debug)]
@@ -31,14 +31,14 @@ static DESCRIPTION: Description = Description {
 };
 
 /// Rate of the twist at the end of the step.
-fn end_rate(x: &Variables, h: f64) -> Partial {
+fn end_rate<N: Number>(x: &Variables<N>, h: f64) -> N {
     let [stiffness, damping, inertia, ..] = x.theta;
     let [twist, rate] = x.z;
     let held = stiffness * (0.25 * h * h) + damping * (0.5 * h);
     (inertia * (x.v + rate - x.next) + (x.input - stiffness * twist) * h - held * rate) / (inertia + held)
 }
 
-impl Effect for JointElasticity {
+impl Law for JointElasticity {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -47,15 +47,15 @@ impl Effect for JointElasticity {
         2
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let mean_rate = (x.z[1] + end_rate(&x, at.dt)) * 0.5;
         let mean_twist = x.z[0] + mean_rate * (0.5 * at.dt);
         out.smooth = x.input - x.theta[0] * mean_twist - x.theta[1] * mean_rate;
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
-        let x = at.variables(theta);
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
+        let x = at.variables::<N>(theta);
         let rate = end_rate(&x, at.dt);
         out.z = [x.z[0] + (x.z[1] + rate) * (0.5 * at.dt), rate];
     }

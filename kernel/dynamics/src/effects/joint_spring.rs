@@ -1,6 +1,6 @@
 //! `dtau = stiffness (q - rest_position)`: a door closer or a counterbalance.
 
-use super::{ANY, Description, Effect, Force, Instant, PLACE, Parameter, Resistance, SIZE, around, unit};
+use super::{ANY, Description, Instant, Law, Number, PLACE, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct JointSpring;
@@ -21,19 +21,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for JointSpring {
+impl Law for JointSpring {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
         let (stiffness, stretch) = (theta[0], at.end() - theta[1]);
-        out.smooth = at.force(stiffness * stretch, stiffness, 0.0);
-        out.smooth.d_theta[0] = stretch;
-        out.smooth.d_theta[1] = -stiffness;
-    }
-
-    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
-        Force { smooth: [theta[0] * (at.end() - theta[1]), at.dt * theta[0]], ..Force::default() }
+        out.smooth = at.force(stiffness * stretch, [stiffness, 0.0], [stretch, -stiffness]);
     }
 }

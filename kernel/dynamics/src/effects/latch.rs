@@ -5,7 +5,7 @@
 //!
 //! The inner state is 1 latched, -1 free, 0 as the position says.
 
-use super::{ABOVE_ZERO, ANY, Advance, Description, Effect, Instant, PLACE, Parameter, Partial, Resistance, SIZE};
+use super::{ABOVE_ZERO, ANY, Advance, Description, Instant, Law, Number, PLACE, Parameter, Resistance, SIZE};
 use super::{around, unit};
 
 #[derive(Debug)]
@@ -32,7 +32,7 @@ fn latched(theta: &[f64], at: &Instant<'_>) -> bool {
     if at.z[0] == 0.0 { at.q < theta[2] } else { at.z[0] > 0.0 }
 }
 
-impl Effect for Latch {
+impl Law for Latch {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -41,20 +41,20 @@ impl Effect for Latch {
         1
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [opening, closing, position, width, ..] = x.theta;
         let place = (x.end - position) / width;
-        if place.value > 0.0 && place.value < 1.0 {
-            let flank = place * (Partial::constant(1.0) - place);
+        if place.value() > 0.0 && place.value() < 1.0 {
+            let flank = place * (N::constant(1.0) - place);
             let bump = flank * flank * 16.0;
             out.smooth = bump * if latched(theta, at) { opening } else { -closing };
         }
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         let [position, width] = [theta[2], theta[3]];
         let stays = if latched(theta, at) { at.end() <= position + width } else { at.end() < position };
-        out.z[0].value = if stays { 1.0 } else { -1.0 };
+        out.z[0] = N::constant(if stays { 1.0 } else { -1.0 });
     }
 }

@@ -1,7 +1,7 @@
 //! `dtau = load_coefficient |u - tau_load| sgn(v)`: gear teeth and bearings rub in proportion to the force that passes through
 //! them. A bound of dry friction.
 
-use super::{Description, Effect, Instant, Parameter, Resistance, around, unit};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, around, unit};
 
 #[derive(Debug)]
 pub(super) struct LoadDependentFriction;
@@ -20,13 +20,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for LoadDependentFriction {
+impl Law for LoadDependentFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         out.dry_both(x.theta[0] * (x.input - x.load).abs());
     }
 }

@@ -1,7 +1,7 @@
 //! `dtau = force exp(-q / width)`, or `force / (1 + q / width)^2`, with `q` from shut: the magnet in a refrigerator's seal. Pressed
 //! in (`q < 0`) it pulls with `force`.
 
-use super::{ABOVE_ZERO, Description, Effect, Instant, Parameter, Partial, Resistance, SIZE, around, unit};
+use super::{ABOVE_ZERO, Description, Instant, Law, Number, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct MagneticGasket;
@@ -23,18 +23,18 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for MagneticGasket {
+impl Law for MagneticGasket {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [force, width, ..] = x.theta;
         let gap = x.end.positive() / width;
         out.smooth = force
             * if theta[2] > 0.5 {
-                let near = Partial::constant(1.0) / (gap + 1.0);
+                let near = N::constant(1.0) / (gap + 1.0);
                 near * near
             } else {
                 (-gap).exp()

@@ -19,6 +19,9 @@
 //! with inner states put the states' own implicit (or exact) step into their force, so that `dtau(w)` already knows how the states
 //! answer to `w`; stiff inner states are stable then, together with the joint.
 //!
+//! Derivatives cost more than values, and a step needs few of them: a term is written once, for any [`Number`], and taken with no
+//! derivatives, with the slope by `w` ([`Effect::force`]), or with all.
+//!
 //! Inner states are relative to the joint wherever they are positions or velocities, so that zero is their start at any state.
 
 mod actuator_lag;
@@ -67,59 +70,151 @@ pub trait Effect: std::fmt::Debug + Sync {
     fn description(&self) -> &'static Description;
 
     /// What it adds to its joint. `theta` are its parameters in the order of the description; `out` comes in empty.
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let _ = (theta, at, out);
-    }
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance);
 
-    /// The same without derivatives, for a step. Only what stands on every joint of a URDF has a shorter way than the whole.
-    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
-        let mut out = Resistance::default();
-        self.resist(theta, at, &mut out);
-        Force::from(&out)
-    }
+    /// The same without derivatives but the slope, for a step.
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force;
 
     /// Number of inner states, such as the bristle of a presliding model or a pressure; at most [`MAX_STATES`]. They start at
     /// zero.
+    fn states(&self) -> usize;
+
+    /// Does it keep a history of its input, after its inner states?
+    fn keeps_history(&self) -> bool;
+
+    /// Inner states after a step whose next velocity is `at.next`.
+    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance);
+
+    /// The same without derivatives, for a step: inner states and history `z` go from those at the start, as in `at.z`, to the
+    /// next ones.
+    fn advance_values(&self, theta: &[f64], at: &Instant<'_>, z: &mut [f64]);
+
+    /// What goes on of the command `at.input`: its mean over the step, and at `dt = 0` that of the instant.
+    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer);
+
+    /// The same without derivatives, for a step.
+    fn command_value(&self, theta: &[f64], at: &Instant<'_>) -> f64;
+
+    /// What is read where `at.q`, `at.v`, `at.input` and `at.time` are the position, velocity, effort and stamp that come in;
+    /// `out` comes in as that of a perfect sensor.
+    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading);
+
+    /// What it changes of the rigid bodies.
+    fn reshape(&self, theta: &[f64], out: &mut Reshape);
+
+    /// The factor on the losses of its joint at a time.
+    fn wear(&self, theta: &[f64], time: f64) -> Partial;
+
+    /// How the base of its part gives way.
+    fn sway(&self, theta: &[f64]) -> Option<Sway>;
+}
+
+/// What one file of the catalogue says: the doors of an [`Effect`], each term written once, for any kind of [`Number`].
+trait Law: std::fmt::Debug + Sync {
+    fn description(&self) -> &'static Description;
+
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let _ = (theta, at, out);
+    }
+
     fn states(&self) -> usize {
         0
     }
 
-    /// Does it keep a history of its input, after its inner states?
     fn keeps_history(&self) -> bool {
         false
     }
 
-    /// Inner states after a step whose next velocity is `at.next`.
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         let _ = (theta, at, out);
     }
 
-    /// What goes on of the command `at.input`: its mean over the step, and at `dt = 0` that of the instant.
-    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
+    fn command<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer<N>) {
         let _ = theta;
-        out.output = Partial { value: at.input, d_input: 1.0, ..Partial::default() };
+        out.output = N::variable(at.input, Variable::Input);
     }
 
-    /// What is read where `at.q`, `at.v`, `at.input` and `at.time` are the position, velocity, effort and stamp that come in;
-    /// `out` comes in as that of a perfect sensor.
     fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
         let _ = (theta, at, out);
     }
 
-    /// What it changes of the rigid bodies.
     fn reshape(&self, theta: &[f64], out: &mut Reshape) {
         let _ = (theta, out);
     }
 
-    /// The factor on the losses of its joint at a time.
     fn wear(&self, theta: &[f64], time: f64) -> Partial {
         let _ = (theta, time);
         Partial::constant(1.0)
     }
 
-    /// How the base of its part gives way.
     fn sway(&self, theta: &[f64]) -> Option<Sway> {
         let _ = theta;
         None
+    }
+}
+
+impl<L: Law> Effect for L {
+    fn description(&self) -> &'static Description {
+        Law::description(self)
+    }
+
+    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+        Law::resist(self, theta, at, out);
+    }
+
+    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
+        let mut out = Resistance::<Slope>::default();
+        Law::resist(self, theta, at, &mut out);
+        Force::from(&out)
+    }
+
+    fn states(&self) -> usize {
+        Law::states(self)
+    }
+
+    fn keeps_history(&self) -> bool {
+        Law::keeps_history(self)
+    }
+
+    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+        Law::advance(self, theta, at, out);
+    }
+
+    fn advance_values(&self, theta: &[f64], at: &Instant<'_>, z: &mut [f64]) {
+        let (mut out, states) = (Advance::<f64>::default(), Law::states(self));
+        Law::advance(self, theta, at, &mut out);
+        for (z, next) in z.iter_mut().zip(out.z).take(states) {
+            *z = next;
+        }
+        if let Some(sample) = out.sample {
+            z[states + sample.slot] = sample.value;
+            z[states + HISTORY + sample.slot] = sample.duration;
+        }
+    }
+
+    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
+        Law::command(self, theta, at, out);
+    }
+
+    fn command_value(&self, theta: &[f64], at: &Instant<'_>) -> f64 {
+        let mut out = Transfer::<f64>::default();
+        Law::command(self, theta, at, &mut out);
+        out.output
+    }
+
+    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
+        Law::measure(self, theta, at, out);
+    }
+
+    fn reshape(&self, theta: &[f64], out: &mut Reshape) {
+        Law::reshape(self, theta, out);
+    }
+
+    fn wear(&self, theta: &[f64], time: f64) -> Partial {
+        Law::wear(self, theta, time)
+    }
+
+    fn sway(&self, theta: &[f64]) -> Option<Sway> {
+        Law::sway(self, theta)
     }
 }

@@ -1,7 +1,7 @@
 //! A point mass on the link that the joint moves, at `x, y, z` in the link's frame. Linear in the mass and its first and second moments,
 //! which are those of a true body for any values within the bounds.
 
-use super::{ANY, Acts, Description, Effect, Parameter, Partial, Reshape, SIZE, around, near, unit};
+use super::{ANY, Acts, Description, Law, Parameter, Partial, Reshape, SIZE, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct Payload;
@@ -24,7 +24,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for Payload {
+impl Law for Payload {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

@@ -1,7 +1,7 @@
 //! `dtau = (friction + amplitude exp(-x^2 / 2))+ sgn(v)`, `x = (q - position) / width`: a place where it rubs. A bound of dry
 //! friction, taken at the end of the step. Several bumps are several entries; give `friction` with one of them.
 
-use super::{ABOVE_ZERO, ANY, Description, Effect, Instant, PLACE, Parameter, Resistance, SIZE, around, near, unit};
+use super::{ABOVE_ZERO, ANY, Description, Instant, Law, Number, PLACE, Parameter, Resistance, SIZE, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct PositionDependentFriction;
@@ -24,13 +24,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for PositionDependentFriction {
+impl Law for PositionDependentFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [friction, amplitude, position, width, ..] = x.theta;
         let place = (x.end - position) / width;
         out.dry_both((friction + amplitude * (place * place * -0.5).exp()).positive());

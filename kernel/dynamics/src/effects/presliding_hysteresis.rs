@@ -7,7 +7,7 @@
 //! and `m = (1 - exp(-x)) / x` the mean of `dz/dt` is `m (w - stiffness |w| z / g(w))`. The force is taken at the end of the
 //! step, so it is stable at any stiffness; `|z|` never passes `g / stiffness`.
 
-use super::{Advance, Description, Effect, Instant, Parameter, Partial, Resistance, SIZE, Variables, around, unit};
+use super::{Advance, Description, Instant, Law, Number, Parameter, Resistance, SIZE, Variables, around, unit};
 
 #[derive(Debug)]
 pub(super) struct PreslidingHysteresis;
@@ -32,16 +32,17 @@ static DESCRIPTION: Description = Description {
 };
 
 /// Mean rate of the bristles over the step, and their deflection at its end.
-fn bristles(x: &Variables, dt: f64) -> (Partial, Partial) {
+fn bristles<N: Number>(x: &Variables<N>, dt: f64) -> (N, N) {
     let [stiffness, _, friction, static_friction, velocity, ..] = x.theta;
     let z = x.z[0];
-    let g = friction + (static_friction - friction) * (x.next / velocity).bell(Partial::constant(2.0));
+    let speed = x.next / velocity;
+    let g = friction + (static_friction - friction) * (-(speed * speed)).exp();
     let wipe = stiffness * x.next.abs() / g;
     let mean = (x.next - wipe * z) * (wipe * dt).mean_decay();
     (mean, z + mean * dt)
 }
 
-impl Effect for PreslidingHysteresis {
+impl Law for PreslidingHysteresis {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -50,13 +51,13 @@ impl Effect for PreslidingHysteresis {
         1
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let (rate, z) = bristles(&x, at.dt);
         out.smooth = x.theta[0] * z + x.theta[1] * rate;
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         out.z[0] = bristles(&at.variables(theta), at.dt).1;
     }
 }

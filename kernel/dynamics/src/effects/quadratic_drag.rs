@@ -1,6 +1,6 @@
 //! `dtau = drag v |v|`: air or a fluid that is pushed aside.
 
-use super::{Description, Effect, Instant, Parameter, Resistance, SIZE, around};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, SIZE, around};
 
 #[derive(Debug)]
 pub(super) struct QuadraticDrag;
@@ -17,14 +17,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for QuadraticDrag {
+impl Law for QuadraticDrag {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
         let (drag, speed) = (theta[0], at.next.abs());
-        out.smooth = at.force(drag * at.next * speed, 0.0, 2.0 * drag * speed);
-        out.smooth.d_theta[0] = at.next * speed;
+        out.smooth = at.force(drag * at.next * speed, [0.0, 2.0 * drag * speed], [at.next * speed]);
     }
 }

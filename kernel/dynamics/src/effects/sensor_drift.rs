@@ -1,6 +1,6 @@
 //! `bias + rate t` on the measured position or effort.
 
-use super::{ANY, Acts, Description, Effect, Instant, Parameter, Reading, near};
+use super::{ANY, Acts, Description, Instant, Law, Parameter, Partial, Reading, near};
 
 #[derive(Debug)]
 pub(super) struct SensorDrift;
@@ -23,13 +23,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for SensorDrift {
+impl Law for SensorDrift {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
     fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
-        let x = at.variables(theta);
+        let x = at.variables::<Partial>(theta);
         let drift = x.theta[0] + x.theta[1] * at.time;
         if theta[2] > 0.5 {
             out.effort = x.input + drift;

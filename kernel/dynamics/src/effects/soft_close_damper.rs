@@ -1,7 +1,7 @@
 //! `dtau = damping v` while closing (`v < 0`), and `stiffness q`, below `position`: the cartridge that catches a drawer and draws
 //! it shut. Where a step crosses `position` the force acts on the share of the way that lies below it.
 
-use super::{ANY, Description, Effect, Instant, Parameter, Partial, Resistance, SIZE, around, unit};
+use super::{ANY, Description, Instant, Law, Number, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct SoftCloseDamper;
@@ -22,15 +22,15 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for SoftCloseDamper {
+impl Law for SoftCloseDamper {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [damping, position, stiffness, ..] = x.theta;
-        let mut force: Partial = stiffness * x.end;
+        let mut force = stiffness * x.end;
         if at.next < 0.0 {
             force = force + damping * x.next;
         }

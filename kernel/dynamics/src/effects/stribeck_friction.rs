@@ -2,7 +2,7 @@
 //! the lubricant's film builds up. All of it is a bound of dry friction, taken at the next velocity: at rest it is
 //! `static_friction`, so a joint that is driven slowly through a spring sticks and slips.
 
-use super::{Description, Effect, Instant, Parameter, Partial, Resistance, SIZE, around, near, unit};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, SIZE, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct StribeckFriction;
@@ -25,15 +25,15 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for StribeckFriction {
+impl Law for StribeckFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let x = at.variables(theta);
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        let x = at.variables::<N>(theta);
         let [friction, static_friction, velocity, exponent, ..] = x.theta;
-        let bell: Partial = (x.next / velocity).bell(exponent);
+        let bell = (x.next / velocity).bell(exponent);
         out.dry_both(friction + (static_friction - friction) * bell);
     }
 }

@@ -1,7 +1,7 @@
 //! The joint's friction and damping times `1 + amplitude exp(-t / time_constant)`: grease that warms up over the run. It scales
 //! the effects whose description says that they wear. `t` is that at the end of the step, and never taken below zero.
 
-use super::{ABOVE_ZERO, Acts, Description, Effect, Parameter, Partial, around, near, unit};
+use super::{ABOVE_ZERO, Acts, Description, Law, Number, Parameter, Partial, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct ThermalWear;
@@ -23,7 +23,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ThermalWear {
+impl Law for ThermalWear {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

@@ -1,6 +1,6 @@
 //! `dtau = bias`: a torque sensor's or a drive's zero that is off.
 
-use super::{ANY, Description, Effect, Instant, Parameter, Resistance, near, unit};
+use super::{ANY, Description, Instant, Law, Number, Parameter, Resistance, Variable, near, unit};
 
 #[derive(Debug)]
 pub(super) struct TorqueBias;
@@ -18,13 +18,12 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for TorqueBias {
+impl Law for TorqueBias {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance) {
-        out.smooth.value = theta[0];
-        out.smooth.d_theta[0] = 1.0;
+    fn resist<N: Number>(&self, theta: &[f64], _at: &Instant<'_>, out: &mut Resistance<N>) {
+        out.smooth = N::variable(theta[0], Variable::Theta(0));
     }
 }

@@ -1,6 +1,6 @@
 //! `(1 - gain_error) u`: a motor constant that is off.
 
-use super::{Acts, Description, Effect, Instant, Parameter, Partial, Transfer, near, unit};
+use super::{Acts, Description, Instant, Law, Number, Parameter, Transfer, near, unit};
 
 #[derive(Debug)]
 pub(super) struct TorqueGain;
@@ -20,14 +20,13 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for TorqueGain {
+impl Law for TorqueGain {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
-        let gain = 1.0 - theta[0];
-        out.output = Partial { value: gain * at.input, d_input: gain, ..Partial::default() };
-        out.output.d_theta[0] = -at.input;
+    fn command<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer<N>) {
+        let x = at.variables::<N>(theta);
+        out.output = (N::constant(1.0) - x.theta[0]) * x.input;
     }
 }

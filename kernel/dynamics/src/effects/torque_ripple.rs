@@ -1,6 +1,6 @@
 //! `dtau = amplitude sin(cycles_per_turn q + phase)`: cogging of a motor or a gear. Several orders are several entries.
 
-use super::{ANY, Description, Effect, Instant, Parameter, Resistance, around, near, unit};
+use super::{ANY, Description, Instant, Law, Number, Parameter, Resistance, around, near, unit};
 
 #[derive(Debug)]
 pub(super) struct TorqueRipple;
@@ -21,17 +21,15 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for TorqueRipple {
+impl Law for TorqueRipple {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
         let [amplitude, cycles, phase] = [theta[0], theta[1], theta[2]];
         let (sin, cos) = (cycles * at.end() + phase).sin_cos();
-        out.smooth = at.force(amplitude * sin, amplitude * cycles * cos, 0.0);
-        out.smooth.d_theta[0] = sin;
-        out.smooth.d_theta[1] = amplitude * at.end() * cos;
-        out.smooth.d_theta[2] = amplitude * cos;
+        let by_theta = [sin, amplitude * at.end() * cos, amplitude * cos];
+        out.smooth = at.force(amplitude * sin, [amplitude * cycles * cos, 0.0], by_theta);
     }
 }

@@ -5,7 +5,7 @@
 //! Before it begins the input was zero. Steps shorter than `delay / (HISTORY - 2)` share an entry, as their mean, so the ring always
 //! reaches back far enough: with 1 ms steps every input is kept up to a delay of 62 ms.
 
-use super::{Advance, Description, Effect, HISTORY, Instant, Parameter, Partial, Sample, Transfer, around, unit};
+use super::{Advance, Description, HISTORY, Instant, Law, Number, Parameter, Sample, Transfer, around, unit};
 
 #[derive(Debug)]
 pub(super) struct TransportDelay;
@@ -55,7 +55,7 @@ fn value_at(at: &Instant<'_>, time: f64) -> f64 {
         .sum()
 }
 
-impl Effect for TransportDelay {
+impl Law for TransportDelay {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
@@ -68,28 +68,30 @@ impl Effect for TransportDelay {
         true
     }
 
-    fn command(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer) {
+    fn command<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Transfer<N>) {
         let (first, last) = (-theta[0], at.dt - theta[0]);
         if at.dt == 0.0 {
-            out.output = Partial::constant(value_at(at, first));
+            out.output = N::constant(value_at(at, first));
             return;
         }
-        out.output = Partial::default();
-        for (from, to, value, slot) in pieces(at) {
+        let (mut value, mut own) = (0.0, 0.0);
+        for (from, to, input, slot) in pieces(at) {
             let weight = (to.min(last) - from.max(first)).max(0.0) / at.dt;
-            out.output.value += weight * value;
+            value += weight * input;
             match slot {
                 Some(slot) => out.d_history[slot] = weight,
-                None => out.output.d_input = weight,
+                None => own = weight,
             }
             if from <= first {
                 break;
             }
         }
-        out.output.d_theta[0] = (value_at(at, first) - value_at(at, last)) / at.dt;
+        let by_delay = if N::COMPLETE { (value_at(at, first) - value_at(at, last)) / at.dt } else { 0.0 };
+        let x = at.variables::<N>(theta);
+        out.output = x.input.mix(own, &x.theta[0], by_delay, value);
     }
 
-    fn advance(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance) {
+    fn advance<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Advance<N>) {
         let newest = head(at.z);
         let (value, duration) = (at.z[1 + newest], at.z[1 + HISTORY + newest]);
         let shared = duration > 0.0 && duration < theta[0] / (HISTORY - 2) as f64 * (1.0 - 1e-9);
@@ -98,7 +100,7 @@ impl Effect for TransportDelay {
         let duration = before + at.dt;
         let (d_slot, d_input) = (before / duration, at.dt / duration);
         let value = if shared { d_slot * value } else { 0.0 } + d_input * at.input;
-        out.z[0].value = slot as f64;
+        out.z[0] = N::constant(slot as f64);
         out.sample = Some(Sample { slot, value, duration, d_input, d_slot });
     }
 }

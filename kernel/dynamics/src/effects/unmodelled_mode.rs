@@ -8,7 +8,7 @@
 
 use nalgebra::Vector3;
 
-use super::{ABOVE_ZERO, Acts, Description, Effect, Parameter, Partial, Prior, SIZE, Sway, around, unit};
+use super::{ABOVE_ZERO, Acts, Description, Law, Parameter, Partial, Prior, SIZE, Sway, around, unit};
 
 #[derive(Debug)]
 pub(super) struct UnmodelledMode;
@@ -35,7 +35,7 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for UnmodelledMode {
+impl Law for UnmodelledMode {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }

@@ -1,6 +1,6 @@
 //! `dtau = damping v`: the drag of a lubricated bearing.
 
-use super::{Description, Effect, Force, Instant, Parameter, Resistance, SIZE, around, unit};
+use super::{Description, Instant, Law, Number, Parameter, Resistance, SIZE, around, unit};
 
 #[derive(Debug)]
 pub(super) struct ViscousFriction;
@@ -19,18 +19,12 @@ static DESCRIPTION: Description = Description {
     ..Description::BLANK
 };
 
-impl Effect for ViscousFriction {
+impl Law for ViscousFriction {
     fn description(&self) -> &'static Description {
         &DESCRIPTION
     }
 
-    fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
-        let damping = theta[0];
-        out.smooth = at.force(damping * at.next, 0.0, damping);
-        out.smooth.d_theta[0] = at.next;
-    }
-
-    fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
-        Force { smooth: [theta[0] * at.next, theta[0]], ..Force::default() }
+    fn resist<N: Number>(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance<N>) {
+        out.smooth = at.force(theta[0] * at.next, [0.0, theta[0]], [at.next]);
     }
 }

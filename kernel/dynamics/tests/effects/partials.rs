@@ -207,6 +207,52 @@ fn no_parameter_within_its_bounds_and_no_state_gives_a_number_that_is_none() {
     }
 }
 
+#[test]
+fn values_alone_are_to_the_last_bit_those_with_derivatives() {
+    let same = |a: f64, b: f64| a.to_bits() == b.to_bits() || a == b;
+    for effect in catalogue() {
+        let description = effect.description();
+        let mut rng = random(35);
+        for trial in 0..2000 {
+            let dt = [0.0, 1e-3, 5e-3, 1.0][trial % 4];
+            let theta = draw_all(*effect, trial / 4 % 2, &mut rng);
+            let width = description.parameter("width").map_or(1.0, |i| 3.0 * theta[i]);
+            let place = ["position", "seal_position"].iter().find_map(|n| description.parameter(n)).map_or(0.0, |i| theta[i]);
+            let mut z: Vec<f64> = (0..effect.states()).map(|_| 10f64.powi(-(trial as i32 % 5)) * rng.random_range(-1.0..1.0)).collect();
+            if effect.keeps_history() {
+                z[0] = f64::from(rng.random_range(0..HISTORY as u32));
+                z.extend((0..2 * HISTORY).map(|i| if i < HISTORY { rng.random_range(-1.0..1.0) } else { rng.random_range(0.0..2e-3) }));
+            }
+            let [v, next, input, load] = [0; 4].map(|_| [1.0, 0.01, 0.0][rng.random_range(0..3)] * rng.random_range(-1.0..1.0));
+            let at = Instant { q: place + width * rng.random_range(-1.0..1.0), v, next, dt, input, load, time: 0.3, z: &z };
+            let (mut resistance, mut advance, mut transfer) = (Resistance::default(), Advance::default(), Transfer::default());
+            effect.resist(&theta, &at, &mut resistance);
+            let force = effect.force(&theta, &at);
+            assert_eq!(force, Force::from(&resistance), "{} at {at:?} with {theta:?}", description.name);
+            let (total, whole) = (force.total(next), resistance.total(next).value);
+            assert!((total - whole).abs() <= 1e-12 * (1.0 + whole.abs()) || resistance.stops != [None; 2], "{total} {whole}");
+            effect.command(&theta, &at, &mut transfer);
+            assert!(same(effect.command_value(&theta, &at), transfer.output.value), "{} at {at:?}", description.name);
+            // Inner states do not move at an instant.
+            if dt == 0.0 {
+                continue;
+            }
+            effect.advance(&theta, &at, &mut advance);
+            let mut after = z.clone();
+            effect.advance_values(&theta, &at, &mut after);
+            for (i, z) in after.iter().enumerate() {
+                let expected = match advance.sample {
+                    _ if i < effect.states() => advance.z[i].value,
+                    Some(sample) if i == effect.states() + sample.slot => sample.value,
+                    Some(sample) if i == effect.states() + HISTORY + sample.slot => sample.duration,
+                    _ => at.z[i],
+                };
+                assert!(same(*z, expected), "{} at {at:?} with {theta:?}: {z} {expected}", description.name);
+            }
+        }
+    }
+}
+
 /// As [`everything`], without its own checks, which are made for states that a joint can be in.
 fn everything_unchecked(effect: &dyn Effect, x: &[f64], dt: f64, history: &[f64]) -> Vec<(&'static str, Partial)> {
     let mut z = x[5..5 + effect.states()].to_vec();

@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::partial::{MAX_PARAMETERS, MAX_STATES, Partial};
+use super::number::{Number, Variable};
+use super::partial::{MAX_PARAMETERS, MAX_STATES, Partial, parameters};
 
 /// Number of samples that an effect with a history keeps.
 pub const HISTORY: usize = 64;
@@ -43,63 +44,61 @@ impl<'a> Instant<'a> {
         self.q + self.dt * self.next
     }
 
-    /// A smooth force `f(q, v)` at the end of the step, from its value there and its two derivatives.
+    /// A smooth force `f(q, v)` at the end of the step, from its value there, its two derivatives, and those by its first
+    /// parameters: the short way for a term whose derivatives are short themselves.
     #[inline]
-    pub(in crate::effects) fn force(&self, value: f64, by_position: f64, by_velocity: f64) -> Partial {
-        Partial { value, d_q: by_position, d_next: by_velocity + self.dt * by_position, ..Partial::default() }
+    pub(in crate::effects) fn force<N: Number, const K: usize>(&self, value: f64, by: [f64; 2], by_theta: [f64; K]) -> N {
+        let [by_position, by_velocity] = by;
+        N::known(value, by_position, by_velocity + self.dt * by_position, by_theta)
     }
 
-    /// All of it as numbers that carry their partial derivatives.
-    pub(in crate::effects) fn variables(&self, theta: &[f64]) -> Variables {
-        let q = Partial { value: self.q, d_q: 1.0, ..Partial::default() };
-        let next = Partial { value: self.next, d_next: 1.0, ..Partial::default() };
-        let mut variables = Variables {
+    /// All of it as numbers that carry their derivatives.
+    #[inline]
+    pub(in crate::effects) fn variables<N: Number>(&self, theta: &[f64]) -> Variables<N> {
+        let (q, next) = (N::variable(self.q, Variable::Q), N::variable(self.next, Variable::Next));
+        Variables {
             q,
-            v: Partial { value: self.v, d_v: 1.0, ..Partial::default() },
+            v: N::variable(self.v, Variable::V),
             next,
-            end: Partial { value: self.end(), d_q: 1.0, d_next: self.dt, ..Partial::default() },
-            input: Partial { value: self.input, d_input: 1.0, ..Partial::default() },
-            load: Partial { value: self.load, d_load: 1.0, ..Partial::default() },
-            z: [Partial::default(); MAX_STATES],
-            theta: Partial::parameters(theta),
-        };
-        for (i, (out, z)) in variables.z.iter_mut().zip(self.z).enumerate() {
-            out.value = *z;
-            out.d_z[i] = 1.0;
+            end: q.mix(1.0, &next, self.dt, self.end()),
+            input: N::variable(self.input, Variable::Input),
+            load: N::variable(self.load, Variable::Load),
+            z: std::array::from_fn(|i| N::variable(self.z.get(i).copied().unwrap_or(0.0), Variable::Z(i))),
+            theta: parameters(theta),
         }
-        variables
     }
 }
 
-/// An [`Instant`] as numbers that carry their partial derivatives.
+/// An [`Instant`] as numbers that carry their derivatives.
 #[derive(Debug, Clone, Copy)]
-pub struct Variables {
+pub struct Variables<N> {
     /// Position at the start.
-    pub q: Partial,
+    pub q: N,
     /// Velocity at the start.
-    pub v: Partial,
+    pub v: N,
     /// Next velocity.
-    pub next: Partial,
+    pub next: N,
     /// Position at the end.
-    pub end: Partial,
+    pub end: N,
     /// Input.
-    pub input: Partial,
+    pub input: N,
     /// Load.
-    pub load: Partial,
+    pub load: N,
     /// Inner states.
-    pub z: [Partial; MAX_STATES],
+    pub z: [N; MAX_STATES],
     /// Parameters.
-    pub theta: [Partial; MAX_PARAMETERS],
+    pub theta: [N; MAX_PARAMETERS],
 }
 
-impl Variables {
+impl<N: Number> Variables<N> {
     /// The share of the step's way on which the position lies below a boundary. A force that acts on one side of a boundary,
     /// times this share, is its mean over the step to first order; so it has the right derivative by the boundary.
-    pub(in crate::effects) fn share_below(&self, boundary: Partial) -> Partial {
-        let (start, end) = (self.q.value, self.end.value);
-        match (start < boundary.value, end < boundary.value) {
-            (true, true) => Partial::constant(1.0),
-            (false, false) => Partial::default(),
+    #[inline]
+    pub(in crate::effects) fn share_below(&self, boundary: N) -> N {
+        let (start, end) = (self.q.value(), self.end.value());
+        match (start < boundary.value(), end < boundary.value()) {
+            (true, true) => N::constant(1.0),
+            (false, false) => N::default(),
             (true, false) => (boundary - self.q) / (self.end - self.q),
             (false, true) => (boundary - self.end) / (self.q - self.end),
         }
@@ -108,19 +107,19 @@ impl Variables {
 
 /// What an effect adds to its joint, sorted by how a time step has to treat it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Resistance {
+pub struct Resistance<N = Partial> {
     /// `dtau` that a step takes at the next velocity, by Newton's method: its mean over the step as a function of `next`.
-    pub smooth: Partial,
+    pub smooth: N,
     /// Bounds of dry friction, for motion in the positive and in the negative direction: `dtau = dry[0]` or `-dry[1]`, and
     /// anything in between at rest. Never negative.
-    pub dry: [Partial; 2],
+    pub dry: [N; 2],
     /// One-sided contacts.
-    pub stops: [Option<Stop>; 2],
+    pub stops: [Option<Stop<N>>; 2],
 }
 
 /// A one-sided contact: `dtau = side (offset + slope side next)+`, exactly linear in the next velocity where it pushes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stop {
+pub struct Stop<N = Partial> {
     /// +1 stops positive motion, -1 negative.
     pub side: f64,
     /// Its push at rest, N m or N; negative before touch.
@@ -128,17 +127,18 @@ pub struct Stop {
     /// Growth of its push with the velocity into it, N m s/rad or N s/m; never negative.
     pub slope: f64,
     /// `dtau` at the next velocity.
-    pub force: Partial,
+    pub force: N,
     /// It stands in place of the URDF's limit on its side.
     pub limit: bool,
 }
 
-impl Stop {
+impl<N: Number> Stop<N> {
     /// A stop whose push changes linearly with the next velocity, as `push` says; it pushes where that is positive.
-    pub(in crate::effects) fn new(side: f64, push: Partial, next: f64, limit: bool) -> Self {
-        let slope = (side * push.d_next).max(0.0);
-        let force = if push.value > 0.0 { push * side } else { Partial::default() };
-        Self { side, offset: push.value - slope * side * next, slope, force, limit }
+    #[inline]
+    pub(in crate::effects) fn new(side: f64, push: N, next: f64, limit: bool) -> Self {
+        let slope = (side * push.d_next()).max(0.0);
+        let force = if push.value() > 0.0 { push * side } else { N::default() };
+        Self { side, offset: push.value() - slope * side * next, slope, force, limit }
     }
 }
 
@@ -153,25 +153,43 @@ pub struct Force {
     pub stops: [Option<[f64; 3]>; 2],
 }
 
-impl From<&Resistance> for Force {
-    fn from(r: &Resistance) -> Self {
+impl<N: Number> From<&Resistance<N>> for Force {
+    #[inline]
+    fn from(r: &Resistance<N>) -> Self {
         Self {
-            smooth: [r.smooth.value, r.smooth.d_next],
-            dry: [r.dry[0].value, r.dry[1].value],
+            smooth: [r.smooth.value(), r.smooth.d_next()],
+            dry: r.dry.map(|d| d.value()),
             stops: r.stops.map(|s| s.map(|s| [s.side, s.offset, s.slope])),
         }
     }
 }
 
-impl Resistance {
+impl Force {
+    /// The whole `dtau` at the velocity `next` that it was taken at; at rest dry friction counts as zero.
+    #[inline]
+    pub fn total(&self, next: f64) -> f64 {
+        let mut sum = self.smooth[0];
+        if next > 0.0 {
+            sum += self.dry[0];
+        } else if next < 0.0 {
+            sum -= self.dry[1];
+        }
+        for [side, offset, slope] in self.stops.into_iter().flatten() {
+            sum += side * (offset + slope * side * next).max(0.0);
+        }
+        sum
+    }
+}
+
+impl<N: Number> Resistance<N> {
     /// The same bound of dry friction in both directions.
     #[inline]
-    pub(in crate::effects) fn dry_both(&mut self, bound: Partial) {
+    pub(in crate::effects) fn dry_both(&mut self, bound: N) {
         self.dry = [bound, bound];
     }
 
     /// The whole `dtau` at the velocity `next`; at rest dry friction counts as zero.
-    pub fn total(&self, next: f64) -> Partial {
+    pub fn total(&self, next: f64) -> N {
         let mut sum = self.smooth;
         if next > 0.0 {
             sum = sum + self.dry[0];
@@ -187,9 +205,9 @@ impl Resistance {
 
 /// Inner states after a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Advance {
+pub struct Advance<N = Partial> {
     /// The next inner states.
-    pub z: [Partial; MAX_STATES],
+    pub z: [N; MAX_STATES],
     /// What is written into the history.
     pub sample: Option<Sample>,
 }
@@ -211,16 +229,17 @@ pub struct Sample {
 
 /// A command on its way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Transfer {
+pub struct Transfer<N = Partial> {
     /// What goes on: the mean over the step.
-    pub output: Partial,
+    pub output: N,
     /// Its derivatives by the inputs of the history.
     pub d_history: [f64; HISTORY],
 }
 
-impl Default for Transfer {
+impl<N: Number> Default for Transfer<N> {
+    #[inline]
     fn default() -> Self {
-        Self { output: Partial::default(), d_history: [0.0; HISTORY] }
+        Self { output: N::default(), d_history: [0.0; HISTORY] }
     }
 }
 

@@ -3,10 +3,12 @@
 
 mod description;
 mod doors;
+mod number;
 mod partial;
 
 pub(super) use description::{ABOVE_ZERO, ANY, PLACE, SIZE, around, near, unit};
 pub use description::{Acts, Description, Parameter, Prior};
 pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Sample, Stop, Sway, Transfer, Variables};
-pub(super) use partial::sign;
+pub(super) use number::sign;
+pub use number::{Number, Slope, Variable};
 pub use partial::{MAX_PARAMETERS, MAX_STATES, Partial};

@@ -1,7 +1,7 @@
 //! A value with its partial derivatives, as a number: forward-mode differentiation with a fixed set of variables
 //! (Griewank and Walther 2008, chapter 3). A term that is written once with these numbers carries its exact partials.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use super::number::{Number, Variable};
 
 /// No effect has more parameters than this.
 pub const MAX_PARAMETERS: usize = 8;
@@ -39,15 +39,58 @@ impl Partial {
 
     /// Parameters alone as numbers that carry their derivatives.
     pub(in crate::effects) fn parameters(theta: &[f64]) -> [Self; MAX_PARAMETERS] {
-        let mut out = [Self::default(); MAX_PARAMETERS];
-        for (i, (out, theta)) in out.iter_mut().zip(theta).enumerate() {
-            out.value = *theta;
-            out.d_theta[i] = 1.0;
+        parameters(theta)
+    }
+}
+
+/// Parameters as numbers; those that an effect does not have are no variables.
+#[inline]
+pub(super) fn parameters<N: Number>(theta: &[f64]) -> [N; MAX_PARAMETERS] {
+    std::array::from_fn(|i| theta.get(i).map_or_else(N::default, |value| N::variable(*value, Variable::Theta(i))))
+}
+
+impl Number for Partial {
+    const COMPLETE: bool = true;
+
+    #[inline]
+    fn constant(value: f64) -> Self {
+        Self { value, ..Self::default() }
+    }
+
+    #[inline]
+    fn variable(value: f64, which: Variable) -> Self {
+        let mut out = Self::constant(value);
+        match which {
+            Variable::Q => out.d_q = 1.0,
+            Variable::V => out.d_v = 1.0,
+            Variable::Next => out.d_next = 1.0,
+            Variable::Input => out.d_input = 1.0,
+            Variable::Load => out.d_load = 1.0,
+            Variable::Z(i) => out.d_z[i] = 1.0,
+            Variable::Theta(i) => out.d_theta[i] = 1.0,
         }
         out
     }
 
-    /// `value`, with the derivatives `a` of this and `b` of the other.
+    #[inline]
+    fn known<const K: usize>(value: f64, d_q: f64, d_next: f64, d_theta: [f64; K]) -> Self {
+        let mut out = Self { value, d_q, d_next, ..Self::default() };
+        for (out, d) in out.d_theta.iter_mut().zip(d_theta) {
+            *out = d;
+        }
+        out
+    }
+
+    #[inline]
+    fn value(&self) -> f64 {
+        self.value
+    }
+
+    #[inline]
+    fn d_next(&self) -> f64 {
+        self.d_next
+    }
+
     #[inline]
     fn mix(&self, a: f64, other: &Self, b: f64, value: f64) -> Self {
         let mut out = Self {
@@ -69,9 +112,8 @@ impl Partial {
         out
     }
 
-    /// A function of this number with the given value and slope.
     #[inline]
-    pub fn chain(&self, value: f64, slope: f64) -> Self {
+    fn chain(&self, value: f64, slope: f64) -> Self {
         let mut out = Self {
             value,
             d_q: slope * self.d_q,
@@ -85,130 +127,5 @@ impl Partial {
         out.d_z.iter_mut().for_each(|d| *d *= slope);
         out.d_theta.iter_mut().for_each(|d| *d *= slope);
         out
-    }
-
-    /// Sine.
-    pub fn sin(self) -> Self {
-        let (sin, cos) = self.value.sin_cos();
-        self.chain(sin, cos)
-    }
-
-    /// Exponential. Far below zero it is zero with all its derivatives.
-    pub fn exp(self) -> Self {
-        let e = self.value.exp();
-        if e == 0.0 { Self::default() } else { self.chain(e, e) }
-    }
-
-    /// Magnitude; its slope at zero is zero.
-    pub fn abs(self) -> Self {
-        self.chain(self.value.abs(), sign(self.value))
-    }
-
-    /// This number where it is positive, and zero.
-    pub fn positive(self) -> Self {
-        if self.value > 0.0 { self } else { Self::default() }
-    }
-
-    /// This number kept between two others.
-    pub fn clamp(self, least: Self, most: Self) -> Self {
-        if self.value > most.value {
-            most
-        } else if self.value < least.value {
-            least
-        } else {
-            self
-        }
-    }
-
-    /// `exp(-|self|^exponent)`. At zero its slopes are zero.
-    pub fn bell(self, exponent: Self) -> Self {
-        let x = self.value.abs();
-        if x == 0.0 {
-            return Self::constant(1.0);
-        }
-        let power = x.powf(exponent.value);
-        let e = (-power).exp();
-        if e == 0.0 {
-            return Self::default();
-        }
-        let by_self = -e * exponent.value * x.powf(exponent.value - 1.0) * sign(self.value);
-        self.mix(by_self, &exponent, -e * power * x.ln(), e)
-    }
-
-    /// `(1 - exp(-x)) / x`, the mean of a decay over its time; 1 at zero. For `x >= 0`.
-    pub fn mean_decay(self) -> Self {
-        let x = self.value;
-        if x.abs() < 1e-2 {
-            let value = 1.0 - x * (1.0 / 2.0 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x / 720.0))));
-            let slope = -1.0 / 2.0 + x * (1.0 / 3.0 - x * (1.0 / 8.0 - x * (1.0 / 30.0 - x * (1.0 / 144.0 - x / 840.0))));
-            return self.chain(value, slope);
-        }
-        let e = (-x).exp();
-        // x e^-x would be infinity times zero for an infinite x.
-        let tail = if e == 0.0 { 0.0 } else { e * (x + 1.0) };
-        self.chain(-(-x).exp_m1() / x, (tail - 1.0) / x / x)
-    }
-}
-
-/// -1, 0 or 1.
-#[inline]
-pub(in crate::effects) fn sign(x: f64) -> f64 {
-    if x == 0.0 { 0.0 } else { x.signum() }
-}
-
-impl Add for Partial {
-    type Output = Self;
-    #[inline]
-    fn add(self, other: Self) -> Self {
-        self.mix(1.0, &other, 1.0, self.value + other.value)
-    }
-}
-
-impl Sub for Partial {
-    type Output = Self;
-    #[inline]
-    fn sub(self, other: Self) -> Self {
-        self.mix(1.0, &other, -1.0, self.value - other.value)
-    }
-}
-
-impl Mul for Partial {
-    type Output = Self;
-    #[inline]
-    fn mul(self, other: Self) -> Self {
-        self.mix(other.value, &other, self.value, self.value * other.value)
-    }
-}
-
-impl Div for Partial {
-    type Output = Self;
-    #[inline]
-    fn div(self, other: Self) -> Self {
-        let value = self.value / other.value;
-        self.mix(1.0 / other.value, &other, -value / other.value, value)
-    }
-}
-
-impl Mul<f64> for Partial {
-    type Output = Self;
-    #[inline]
-    fn mul(self, factor: f64) -> Self {
-        self.chain(self.value * factor, factor)
-    }
-}
-
-impl Add<f64> for Partial {
-    type Output = Self;
-    #[inline]
-    fn add(self, other: f64) -> Self {
-        Self { value: self.value + other, ..self }
-    }
-}
-
-impl Neg for Partial {
-    type Output = Self;
-    #[inline]
-    fn neg(self) -> Self {
-        self * -1.0
     }
 }

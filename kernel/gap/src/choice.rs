@@ -1,0 +1,116 @@
+//! An effect that was chosen, what it was chosen among, and what a report says of it.
+
+use std::collections::BTreeMap;
+
+use sagci_dynamics::effects::{self, Acts};
+
+use crate::fit::Fit;
+use crate::hypothesis::Knob;
+use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
+use crate::search::{Candidate, Search};
+
+/// Names whose evidence is within this of the best one's cannot be told from it.
+const ALIKE: f64 = 3.0;
+/// Quantile of the normal distribution for intervals of 95 %.
+const NORMAL_95: f64 = 1.959_964;
+
+/// An effect that was chosen, and what it was chosen among.
+#[derive(Debug, Clone)]
+pub(crate) struct Choice {
+    pub best: Candidate,
+    /// Others: name, joint, evidence less than the best one's.
+    pub others: Vec<(&'static str, Option<usize>, f64)>,
+    /// Evidence over the model without it, and that of a force without a name.
+    pub gain: f64,
+    pub nameless: f64,
+    /// Share of the errors' squares, beyond noise, that it takes away.
+    pub explained: f64,
+}
+
+impl Choice {
+    pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
+        let best = candidates[0].clone();
+        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless, explained };
+        this.around(candidates, this.best.evidence, here);
+        this
+    }
+
+    pub fn around(&mut self, candidates: &[Candidate], with: f64, without: f64) {
+        self.gain = with - without;
+        let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
+        self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
+    }
+}
+
+impl Search<'_> {
+    #[allow(clippy::too_many_arguments)]
+    pub fn describe(
+        &self,
+        fit: &Fit,
+        entry: usize,
+        choice: &Choice,
+        covariance: Option<&nalgebra::DMatrix<f64>>,
+        held_out: Option<f64>,
+        agrees: bool,
+    ) -> NamedEffect {
+        let hypothesis = &fit.hypothesis;
+        let model = hypothesis.model_at(&hypothesis.x);
+        let what = &model.document.effects[entry];
+        let mut parameters = BTreeMap::new();
+        for (i, fitted) in hypothesis.fitted.iter().enumerate() {
+            let Knob::Effect(e, name) = &fitted.knob else { continue };
+            if *e != entry {
+                continue;
+            }
+            let deviation = covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()) * NORMAL_95;
+            let (x, [low, high]) = (hypothesis.x[i], fitted.bounds);
+            let end = |x: f64| fitted.value(x.clamp(low, high));
+            let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
+            parameters.insert((*name).to_owned(), value);
+        }
+        let alike = |(name, joint, less): &&(&'static str, Option<usize>, f64)| {
+            *less < ALIKE && (*joint == choice.best.joint || *name != what.effect)
+        };
+        let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
+        alternatives.dedup();
+        let mut weights: Vec<f64> = choice.others.iter().map(|o| (-o.2).exp()).collect();
+        weights.push((-choice.gain).exp());
+        weights.push((choice.nameless - choice.gain).min(50.0).exp());
+        let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());
+        let runners_up = choice
+            .others
+            .iter()
+            .filter(|o| o.2 >= ALIKE)
+            .take(5)
+            .map(|o| Reason { name: o.0.into(), reason: format!("fits less well: evidence e^-{:.1} of the named effect's", o.2) });
+        NamedEffect {
+            name: what.effect.clone(),
+            alternatives,
+            joint: what.joint.clone(),
+            channel: channel(&what.effect).into(),
+            parameters,
+            choices: what.choices.clone(),
+            probability,
+            confirmed: agrees,
+            evidence: EffectEvidence {
+                log_bayes_factor: choice.gain,
+                log_bayes_factor_nameless: choice.gain - choice.nameless,
+                explained: choice.explained,
+                held_out,
+            },
+            runners_up: runners_up.collect(),
+        }
+    }
+}
+
+/// Where an effect acts, in a word.
+pub(crate) fn channel(effect: &str) -> &'static str {
+    let Ok(found) = effects::find(effect) else { return "joint" };
+    match (found.description().acts, effect) {
+        (_, "joint_axis_error") => "kinematic",
+        (Acts::Command(_), _) | (_, "armature_inertia" | "backlash" | "joint_elasticity") => "actuator",
+        (Acts::Measurement(_), _) => "sensor",
+        (Acts::Bodies | Acts::Base, _) => "body",
+        _ => "joint",
+    }
+}

@@ -1,0 +1,97 @@
+//! The figures of the gap, for the model as given, refitted and with its effects, beside what noise alone makes of them.
+
+use rayon::prelude::*;
+use sagci_model::{JointKind, ObjectModel};
+
+use crate::GapError;
+use crate::find::Options;
+use crate::fit::Fit;
+use crate::hypothesis::Hypothesis;
+use crate::noise;
+use crate::plots::{self, Predicted};
+use crate::report::{Gap, Gaps, JointGap};
+use crate::search::{FLOOR, Search};
+use crate::trajectory::Trajectory;
+use crate::windows::{Figures, Smoothed};
+
+/// Longest step of the last fits and of predictions, s.
+pub(crate) const FINE: f64 = 1e-3;
+
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn gaps(
+    search: &Search<'_>,
+    model: &ObjectModel,
+    given: &Fit,
+    refitted: &Fit,
+    current: &Fit,
+    train: &[Trajectory],
+    unseen: &[Trajectory],
+    options: &Options<'_>,
+) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
+    let n = search.names.len();
+    let ranges: Vec<f64> = (0..n)
+        .map(|j| {
+            let limits = &model.joints[search.joints[j]].limits;
+            let seen = train.iter().chain(unseen).flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
+            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+            if limits.range().is_finite() { limits.range() } else { (high - low).max(1e-6) }
+        })
+        .collect();
+    let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
+    let limits = &search.problem.limits;
+    let made = |step: f64| -> Result<[crate::plant::Plant; 3], GapError> {
+        Ok([
+            untouched.plant(&[], limits, step)?,
+            refitted.hypothesis.plant(&refitted.hypothesis.x, limits, step)?,
+            current.hypothesis.plant(&current.hypothesis.x, limits, step)?,
+        ])
+    };
+    let plants = made(FINE)?;
+    // Following the data takes no finer steps than the search did.
+    let followers = made(crate::search::STEP)?;
+    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
+        // By the data alone, so that anyone who has them finds the same figures.
+        let noise = noise::of_motion(data, n, FLOOR);
+        let both: Vec<(Figures, Vec<Predicted>)> = plants
+            .par_iter()
+            .zip(&followers)
+            .map(|(plant, follower)| {
+                let smoothed = Smoothed::new(follower, data, &noise)?;
+                Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
+            })
+            .collect::<Result<_, GapError>>()?;
+        let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
+        let likely = noise.likely(&followers[2], data);
+        let smoothed = Smoothed::new(&followers[2], data, &noise)?;
+        let invented = smoothed.invent(&plants[2], data, &likely, options.window, options.seed)?;
+        let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
+        let per_joint = (0..n)
+            .map(|j| {
+                let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];
+                let rmse = pick(|f| &f.rmse);
+                let sliding = model.joints[search.joints[j]].kind == JointKind::Prismatic;
+                let gap = JointGap {
+                    before: rmse[0],
+                    refitted: rmse[1],
+                    after: rmse[2],
+                    noise_floor: rmse[3],
+                    median: pick(|f| &f.median),
+                    short: pick(|f| &f.rmse_short),
+                    range: ranges[j],
+                    unit: if sliding { "m" } else { "rad" }.into(),
+                };
+                (search.names[j].clone(), gap)
+            })
+            .collect();
+        let [before, refitted, after] = [0, 1, 2].map(|i| figures[i].pooled);
+        Ok((Gap { before, refitted, after, noise_floor: floor.pooled, per_joint }, predicted))
+    };
+    let (train, mut predicted) = on(train)?;
+    let mut gaps = Gaps { train, held_out: None };
+    if !unseen.is_empty() {
+        let held_out;
+        (held_out, predicted) = on(unseen)?;
+        gaps.held_out = Some(held_out);
+    }
+    Ok((gaps, predicted))
+}

@@ -1,0 +1,79 @@
+//! Data that no fit and no choice has seen: which they are, and what they say of names that are settled.
+
+use rayon::prelude::*;
+use sagci_recording::Log;
+
+use crate::GapError;
+use crate::fit::{Fit, Problem};
+use crate::report::Reason;
+use crate::search::{Search, entries};
+use crate::trajectory::Trajectory;
+
+/// Half a fall of squared errors, in units of their noise, that is no chance.
+pub(crate) const SEEN: f64 = 3.0;
+
+/// Whole trajectories for a check, where none are given: never samples of one.
+pub(crate) fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>) -> (Vec<&'a Log>, Vec<&'a Log>) {
+    if !held_out.is_empty() {
+        return (train.iter().collect(), held_out.iter().collect());
+    }
+    if train.len() < 3 {
+        notes.push(format!("{} recording(s) are too few to set one aside: what is found is not confirmed on other data", train.len()));
+        return (train.iter().collect(), Vec::new());
+    }
+    // Every fourth, from the second: early and late ones are on both sides.
+    let aside = |i: usize| i % 4 == 1;
+    (
+        train.iter().enumerate().filter(|(i, _)| !aside(*i)).map(|(_, l)| l).collect(),
+        train.iter().enumerate().filter(|(i, _)| aside(*i)).map(|(_, l)| l).collect(),
+    )
+}
+
+/// What unseen data say of an effect, in units of their noise.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Unseen {
+    /// Half the fall of the squared errors.
+    pub fall: f64,
+    /// The same if the effect is just as it was fitted.
+    pub expected: f64,
+}
+
+impl Unseen {
+    /// They would show it, and they do not.
+    pub fn contradicts(&self) -> bool {
+        self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
+    }
+
+    pub fn reason(&self, name: &str) -> Reason {
+        let reason = format!("held-out data, in which it would show, speak against it (half the squared errors rise by {:.1})", -self.fall);
+        Reason { name: name.into(), reason }
+    }
+}
+
+impl Search<'_> {
+    /// For each effect: how much better it makes unseen data (half the fall of the squared errors), and whether that confirms it.
+    pub fn on_unseen(&self, current: &Fit, base: &Fit, unseen: &[Trajectory], scale: f64) -> Result<Vec<Unseen>, GapError> {
+        let all = entries(&current.hypothesis);
+        all.par_iter()
+            .map(|entry| {
+                let less = if all.len() == 1 {
+                    base.clone()
+                } else {
+                    self.refit(&Fit::start(&self.problem, current.hypothesis.without(*entry))?, scale)?
+                };
+                Ok(self.unseen_of(current, &less, unseen, scale).unwrap_or(Unseen { fall: 0.0, expected: 0.0 }))
+            })
+            .collect()
+    }
+
+    /// What unseen data say of one fit against another; none where there are no such data, or where one cannot follow them.
+    fn unseen_of(&self, with: &Fit, without: &Fit, unseen: &[Trajectory], scale: f64) -> Option<Unseen> {
+        let Problem { disturbance, limits, step, .. } = &self.problem;
+        let problem = Problem::new(unseen, disturbance.clone(), limits, *step);
+        let errors = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).ok();
+        let (with, without) = (errors(with)?, errors(without)?);
+        let weight = 0.5 / (scale * scale);
+        let fall = weight * (without.norm_squared() - with.norm_squared());
+        (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * (without - with).norm_squared() })
+    }
+}

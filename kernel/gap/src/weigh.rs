@@ -1,0 +1,121 @@
+//! What a fit is worth beside others: noise, evidence, the forces that it explains.
+
+use rayon::prelude::*;
+
+use crate::GapError;
+use crate::fit::{Fit, Problem};
+use crate::flexible::{self, Nameless};
+use crate::gaps::FINE;
+use crate::observer::Disturbance;
+use crate::response::Response;
+use crate::search::{Candidate, Search};
+use crate::windows::likely_noise;
+
+/// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
+const MOST_NOISE: f64 = 8.0;
+
+impl Search<'_> {
+    /// Fits anew from where a fit stands.
+    pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
+        Fit::start(&self.problem, fit.hypothesis.clone())?.finish(&self.problem, scale, None)
+    }
+
+    pub fn rank(&self, candidates: &mut [Candidate], scale: f64) {
+        for c in candidates.iter_mut() {
+            c.evidence = self.evidence(&c.fit, scale);
+        }
+        candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    }
+
+    /// Share of the squared errors, beyond noise, that one fit takes away from another's.
+    pub fn explained(&self, less: &Fit, more: &Fit, scale: f64) -> f64 {
+        let noise = scale * scale * self.problem.measured() as f64;
+        ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+    }
+
+    /// Size of the force by which two fits differ, beyond what the known numbers can make of it: RMS, as a share of the joint's typical
+    /// force, on the joint where it is largest.
+    pub fn force_between(&self, less: &Fit, more: &Fit) -> Result<f64, GapError> {
+        let runs = self.runs(less)?;
+        let typical = self.typical_force();
+        let change = &less.errors - &more.errors;
+        let size = |j: usize| {
+            let force = Response::new(self, less, &runs, j, 1.0).lacking(&change);
+            (force.iter().map(|f| f * f).sum::<f64>() / force.len() as f64).sqrt() / typical[j]
+        };
+        Ok((0..self.names.len()).map(size).fold(0.0, f64::max))
+    }
+
+    /// RMS of what the effects change of the force, over all joints.
+    pub fn explained_force(&self, current: &Fit, base: &Fit) -> Result<f64, GapError> {
+        let (a, b) = (self.runs(current)?, self.runs(base)?);
+        let mut most: f64 = 0.0;
+        for j in 0..self.names.len() {
+            let response = Response::new(self, base, &b, j, 1.0);
+            let before = response.lacking(&base.errors);
+            let after = Response::new(self, current, &a, j, 1.0).lacking(&current.errors);
+            let square = |f: &[f64]| f.iter().map(|x| x * x).sum::<f64>() / f.len() as f64;
+            most = most.max(square(&before) - square(&after));
+        }
+        Ok(most.max(0.0).sqrt())
+    }
+
+    /// The disturbance under which a fit's errors are most likely, if that is not the one assumed.
+    pub fn likelier_noise(&self, fit: &Fit) -> Result<Option<Disturbance>, GapError> {
+        let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
+        let now = &self.problem.disturbance;
+        // How often the floor has been raised already.
+        let raised = now.acceleration[0] / self.floor[0];
+        let inverse = self.problem.inverse_mass(&plant);
+        let behind = |factors: [f64; 3]| now.times(factors).behind(&inverse);
+        let factors = likely_noise(&plant, self.problem.trajectories, &behind, [1.0, MOST_NOISE / raised]);
+        Ok((factors != [1.0; 3]).then(|| now.times(factors)))
+    }
+
+    pub fn with_noise(self, disturbance: Disturbance) -> Self {
+        let problem = Problem::new(self.problem.trajectories, disturbance, &self.problem.limits, self.problem.step);
+        Self { problem, ..self }
+    }
+
+    /// The same problem in finer steps.
+    pub fn finer(&mut self) {
+        let Problem { trajectories, disturbance, limits, .. } = &self.problem;
+        self.problem = Problem::new(trajectories, disturbance.clone(), limits, FINE);
+    }
+
+    /// The most likely force without a name, and its joint.
+    pub fn nameless(&self, fit: &Fit, scale: f64) -> Result<Option<(usize, Nameless)>, GapError> {
+        let runs = self.runs(fit)?;
+        let typical = self.typical_force();
+        let all: Vec<(usize, Nameless)> = (0..self.names.len())
+            .into_par_iter()
+            .filter_map(|j| Some((j, flexible::nameless(&Response::new(self, fit, &runs, j, scale), scale, typical[j])?)))
+            .collect();
+        Ok(all.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
+    }
+
+    /// Typical force on each joint.
+    pub fn typical_force(&self) -> Vec<f64> {
+        let typical = crate::noise::accelerations(self.problem.trajectories, &self.inertias);
+        typical.iter().zip(&self.inertias).map(|(a, m)| a * m).collect()
+    }
+
+    /// Does anything move?
+    pub fn check_motion(&self, notes: &mut Vec<String>) -> Result<(), GapError> {
+        let mut moves = false;
+        for (j, name) in self.names.iter().enumerate() {
+            let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
+            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+            if high - low > 20.0 * self.problem.disturbance.position[j] && high > low {
+                moves = true;
+            } else if low <= high {
+                notes.push(format!("{name}: does not move in these data"));
+            }
+        }
+        if moves {
+            return Ok(());
+        }
+        let message = "nothing moves in these data: record a slow sweep over the range in both directions, and one at several speeds";
+        Err(GapError::data(self.names.join(", "), message))
+    }
+}
