@@ -50,7 +50,7 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
 pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let search = Search::new(model, &trajectories)?;
-    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::find::FINE)?;
+    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
     let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
     let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
     let ranges: Vec<f64> = search.joints.iter().map(|j| model.joints[*j].limits.range()).collect();
