@@ -12,8 +12,10 @@ use sagci_script::Diagnostic;
 use sagci_script::language::check::check;
 use sagci_script::language::engine::Surroundings;
 use sagci_script::language::execute::{End, execute};
-use sagci_script::language::stage::{Declaration, DeclaredPlace, Outcome, Quantity, Refusal, Stage, Stop};
-use sagci_script::language::value::{Angle, Length};
+use sagci_script::language::stage::{
+    Declaration, DeclaredPlace, FoundEffect, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop,
+};
+use sagci_script::language::value::{Angle, Length, RunHandle};
 use sagci_script::plugins::{BrokenSkill, LoadedSkill, SkillSet};
 use sagci_skill::{Argument, Failure, FailureCode, Measure, ParameterKind, Place};
 use sagci_tests::{Scripted, ToyModels, loaded, write};
@@ -25,6 +27,8 @@ struct Recorder {
     said: Vec<String>,
     fail: Option<Failure>,
     cancel_on_call: Option<Arc<AtomicBool>>,
+    hidden: Vec<(String, Option<String>)>,
+    asked: Vec<GapRequest>,
 }
 
 impl Stage for Recorder {
@@ -52,6 +56,48 @@ impl Stage for Recorder {
 
     fn position(&mut self, _: &str, joint: Option<&str>) -> Result<Quantity, Refusal> {
         Ok(if joint == Some("tray_slide") { Quantity::Length(Length(0.1)) } else { Quantity::Angle(Angle(0.25)) })
+    }
+
+    fn hide(&mut self, object: &str, joint: Option<&str>) -> Result<(), Refusal> {
+        self.hidden.push((object.to_owned(), joint.map(str::to_owned)));
+        Ok(())
+    }
+
+    fn last_run(&mut self) -> Result<RunHandle, Refusal> {
+        let message = "no skill has moved a joint yet".to_owned();
+        self.calls.len().checked_sub(1).map(RunHandle).ok_or(Refusal { message, hint: None })
+    }
+
+    fn gap(&mut self, request: &GapRequest) -> Result<GapAnswer, Stop> {
+        self.asked.push(request.clone());
+        if let Some(failure) = &self.fail {
+            return Err(Stop::Failed(failure.clone()));
+        }
+        let effect = FoundEffect {
+            name: "joint_spring".into(),
+            alternatives: vec!["hinge_tilt".into()],
+            joint: "lid_hinge".into(),
+            parameters: [("stiffness".to_owned(), 2.5)].into(),
+            confirmed: true,
+        };
+        Ok(GapAnswer {
+            verdict: "ambiguous".into(),
+            effects: vec![effect],
+            before: Quantity::Angle(Angle(0.5)),
+            refitted: Quantity::Angle(Angle(0.4)),
+            after: Quantity::Angle(Angle(0.05)),
+            noise_floor: Quantity::Angle(Angle(0.01)),
+            version: request.apply.then(|| "abc".into()),
+            notes: vec![],
+        })
+    }
+
+    fn prediction_error(&mut self, _: &str, run: RunHandle) -> Result<Quantity, Stop> {
+        Ok(Quantity::Angle(Angle(0.1 / (run.0 + 1) as f64)))
+    }
+
+    fn version(&mut self, _: &str) -> Result<String, Refusal> {
+        Ok("abc".into())
     }
 
     fn say(&mut self, text: &str) {
@@ -93,7 +139,8 @@ fn run_with(text: &str, prepare: impl FnOnce(&mut Recorder, &Arc<AtomicBool>, &P
     let folder = tempfile::tempdir().unwrap();
     let script = write(folder.path().join("task.rhai"), text);
     let cancel = Arc::new(AtomicBool::new(false));
-    let mut recorder = Recorder { declared: vec![], calls: vec![], said: vec![], fail: None, cancel_on_call: None };
+    let mut recorder =
+        Recorder { declared: vec![], calls: vec![], said: vec![], fail: None, cancel_on_call: None, hidden: vec![], asked: vec![] };
     prepare(&mut recorder, &cancel, folder.path());
     let stage = Rc::new(RefCell::new(recorder));
     let end = execute(&script, Surroundings { skills: skills().loaded, stage: stage.clone(), cancel });
@@ -353,4 +400,68 @@ fn what_is_no_script_at_all_is_said_so_with_its_place() {
     assert_eq!(missing.len(), 1);
     assert!(missing[0].to_string().starts_with("/nowhere/task.rhai: cannot be read"), "{}", missing[0]);
     assert_eq!(problems("\u{0}\u{1}(((").len(), 1);
+}
+
+#[test]
+fn a_script_learns_what_a_model_lacks_and_never_what_is_hidden() {
+    let text = format!(
+        "{CHEST}scene.hidden_effect(chest.joint(\"lid_hinge\"));
+        nudge(chest);
+        let first = last_run();
+        nudge(chest);
+        let found = gap(chest, [first, last_run()], #{{held_out: first, apply: true, window: 0.5}});
+        print(`${{found.verdict}} ${{found.effects[0].name}} ${{found.effects[0].alternatives[0]}} ${{found.effects[0].parameters.stiffness}}`);
+        print(`${{found.before / found.after}} ${{found.version}} ${{chest.version}} ${{first}}`);
+        print(prediction_error(chest, first) / prediction_error(chest, last_run()));
+        let plain = gap(chest, first);
+        if plain.version != () {{ throw \"published unasked\" }}"
+    );
+    assert_eq!(problems(&text), []);
+    let ran = run(&text);
+    assert_eq!(ran.end, End::Done);
+    assert_eq!(ran.stage.hidden, [("chest".to_owned(), Some("lid_hinge".to_owned()))]);
+    assert_eq!(ran.stage.said, ["ambiguous joint_spring hinge_tilt 2.5", "10.0 abc abc run 1", "2.0"]);
+    let asked = &ran.stage.asked[0];
+    assert_eq!((asked.object.as_str(), asked.runs.as_slice()), ("chest", &[RunHandle(0), RunHandle(1)][..]));
+    assert_eq!((asked.held_out.as_slice(), asked.apply, asked.accept_unconfirmed, asked.window), (&[RunHandle(0)][..], true, false, 0.5));
+}
+
+#[test]
+fn a_gap_that_is_asked_for_wrongly_is_found_before_anything_moves() {
+    for (call, said) in [
+        ("gap(chest, 3)", "gap(...) needs recorded runs, and is given a bare number"),
+        ("gap(cm(1), last_run())", "gap(...) needs an object first, and is given a length"),
+        ("gap(chest, last_run(), true)", "gap(...) needs its options as a map, and is given true or false"),
+        ("gap(chest, last_run(), #{aply: true})", "gap has no option 'aply'; did you mean 'apply'?"),
+        ("gap(chest, last_run(), #{apply: 1})", "gap: 'apply' is a bare number, and must be true or false"),
+        ("gap(chest)", "'gap' does not take 1 arguments; it takes 2 or 3"),
+        ("chest.verson", "an object has no property 'verson'; did you mean 'version'?"),
+    ] {
+        let found = problem(&format!("{CHEST}{call};"));
+        assert!(found.contains(said), "{call}: {found}");
+    }
+    // Where the check cannot know, the run finds it.
+    for (call, said) in [
+        ("gap(chest, one())", "needs recorded runs, and is given a bare number"),
+        ("gap(chest, [last_run(), one()])", "needs recorded runs, and is given a bare number"),
+        ("gap(chest, [])", "is given no run"),
+        ("gap(chest, last_run(), #{window: -one()})", "must be greater than zero"),
+        ("gap(chest, last_run(), #{held_out: one()})", "'held_out' must be recorded runs"),
+        ("gap(one(), last_run())", "needs an object first"),
+    ] {
+        let End::Wrong(wrong) = run(&format!("fn one() {{ 1 }}\n{CHEST}nudge(chest); {call};")).end else { panic!("{call}") };
+        assert!(wrong.to_string().contains(said), "{call}: {wrong}");
+    }
+    let End::Wrong(wrong) = run(&format!("{CHEST}last_run();")).end else { panic!() };
+    assert!(wrong.to_string().contains("no skill has moved a joint yet"), "{wrong}");
+}
+
+#[test]
+fn a_gap_that_the_data_cannot_answer_can_be_caught() {
+    let text = format!(
+        "{CHEST}try {{ nudge(chest) }} catch {{ }} try {{ gap(chest, last_run()) }} catch (e) {{ print(`${{e.skill}} ${{e.code}}`) }}"
+    );
+    let failure = Failure { code: FailureCode::BadArgument, stage: "gap".into(), message: "too short".into() };
+    let ran = run_with(&text, |stage, _, _| stage.fail = Some(failure));
+    assert_eq!((ran.end, ran.stage.said), (End::Done, vec!["gap bad_argument".to_owned()]));
 }

@@ -1,17 +1,24 @@
-//! The two tasks that ship, end to end: planned, carried out in the physics engine, judged by what is true in it.
+//! The tasks that ship, end to end: planned, carried out in the physics engine, judged by what is true in it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
+use std::path::Path;
 use std::process::Command;
 
 use sagci_tests::{program, root};
 
 /// Runs a script with a seed and answers the report; the program's exit code must agree with it.
 fn run(script: &str, seed: u64) -> serde_json::Value {
+    run_with(script, seed, &root().join("world-models"))
+}
+
+/// The same, with the models of another library.
+fn run_with(script: &str, seed: u64, models: &Path) -> serde_json::Value {
     let out = tempfile::tempdir().unwrap();
     let output = Command::new(program())
         .current_dir(root())
         .env_remove("SAGCI_SKILLS")
         .args(["run", script, "--seed", &seed.to_string(), "--format", "json", "--out", out.path().to_str().unwrap()])
+        .args([Path::new("--models"), models])
         .output()
         .unwrap();
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -35,4 +42,53 @@ fn the_mug_ends_up_in_the_shut_microwave() {
 #[test]
 fn the_tape_ends_up_on_the_table_and_the_drawer_shut() {
     run("scripts/fetch_tape.rhai", 1);
+}
+
+fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap().path();
+        let target = to.join(entry.file_name().unwrap());
+        if entry.is_dir() {
+            copy(&entry, &target);
+        } else {
+            std::fs::copy(&entry, &target).unwrap();
+        }
+    }
+}
+
+/// Finds the gap with a library of its own; answers the report.
+fn find_the_gap(seed: u64, library: &Path) -> serde_json::Value {
+    copy(&root().join("world-models"), library);
+    let out = tempfile::tempdir().unwrap();
+    let output = Command::new(program())
+        .current_dir(root())
+        .env_remove("SAGCI_SKILLS")
+        .args(["run", "scripts/find_the_gap.rhai", "--seed", &seed.to_string(), "--format", "json", "--out", out.path().to_str().unwrap()])
+        .args([Path::new("--models"), library])
+        .output()
+        .unwrap();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn what_the_hand_felt_makes_a_model_that_predicts_better_and_the_next_task_plans_with_it() {
+    let library = tempfile::tempdir().unwrap();
+    let report = find_the_gap(1, library.path());
+    let gap = &report["gaps"][0];
+    let figure = |name: &str| gap[name].as_f64().unwrap();
+    assert!(figure("before") > 5.0 * figure("after"), "the gap is hardly smaller: {report:#}");
+    let version = gap["version"].as_str().unwrap();
+    assert_ne!(std::fs::read_to_string(root().join("world-models/microwave/HEAD")).unwrap().trim(), version);
+    let next = run_with("scripts/warm_mug.rhai", 1, library.path());
+    let used = next["versions"]["models"].as_array().unwrap().iter().find(|m| m["name"] == "microwave").unwrap();
+    assert_eq!(used["version"], version, "the next task does not use the better model");
+}
+
+#[test]
+#[ignore = "the search still takes the give of the grip for an effect of the joint"]
+fn what_the_door_hides_is_named() {
+    let library = tempfile::tempdir().unwrap();
+    let report = find_the_gap(1, library.path());
+    assert_eq!(report["success"], true, "{report:#}");
 }

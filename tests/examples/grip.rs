@@ -116,6 +116,7 @@ fn scene() -> Scene {
         SceneObject {
             name: name.into(),
             q: vec![0.0; model.moving_joints().count()],
+            hidden_effect: None,
             model,
             placement: Placement::World(Isometry3::new(Vector3::new(x, y, 0.0), Vector3::z() * yaw_deg.to_radians())),
         }

@@ -95,6 +95,7 @@ impl Progress for Watcher {
                 }
             }
             Event::Ended { report, .. } => self.line(&format!("  {}", step_line(report))),
+            Event::Searching { text } => self.line(&format!("  {text} ...")),
             Event::Say { text } => self.line(&format!("  > {text}")),
         }
     }

@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Point3};
 use sagci_model::{JointKind, ObjectModel};
 use sagci_planning::{ArmKinematics, ArticulationPlan, ArticulationRequest, JointTrajectory, ObjectMotionOptions, plan_articulation};
 use sagci_signal::GripperCommand;
-use sagci_skill::{BeliefChange, Failure, FailureCode, Measure, Plan, Postcondition};
+use sagci_skill::{Argument, BeliefChange, Failure, FailureCode, Measure, Plan, PlanRequest, Postcondition};
 
-use crate::bench::{failure_of, through_air, with_feeling};
+use crate::bench::{bad_argument, failure_of, through_air, with_feeling};
 use crate::{Bench, Fingers, Follow, Guard, Law, Pace, Segment};
 
 /// Grip on the handle, N a finger.
@@ -38,6 +38,23 @@ pub struct Motion {
     pub to: f64,
     /// What counts as there, rad or m.
     pub between: [f64; 2],
+    /// Speed as a share of the usual one, see [`pace`].
+    pub pace: f64,
+}
+
+/// Least and greatest share of the usual speed: below, dry friction makes the hand stick and slip; above, it would hurry near things.
+const PACES: [f64; 2] = [0.1, 2.0];
+
+/// The share of the usual speed that a request asks for by its argument `pace`; 1 if it does not say.
+///
+/// # Errors
+/// [`FailureCode::BadArgument`] for a share below 0.1 or above 2.
+pub fn pace(request: &PlanRequest) -> Result<f64, Failure> {
+    match request.arguments.get("pace") {
+        None => Ok(1.0),
+        Some(Argument::Number(pace)) if (PACES[0]..=PACES[1]).contains(pace) => Ok(*pace),
+        Some(_) => Err(bad_argument(format!("'pace' is a share of the usual speed and must lie between {} and {}", PACES[0], PACES[1]))),
+    }
 }
 
 /// One hold of the handle: from taking it to letting it go.
@@ -96,7 +113,7 @@ fn plan_holds(
     world.set_joint(motion.object, motion.joint, from);
     let to = from + (motion.to - from) / holds as f64;
     // Slides run at hand speed; doors at a turn that keeps the handle there too.
-    let speed = if kind == JointKind::Prismatic { 0.12 } else { 0.35 };
+    let speed = motion.pace * if kind == JointKind::Prismatic { 0.12 } else { 0.35 };
     let request = ArticulationRequest {
         motion: ObjectMotionOptions { speed, ..ObjectMotionOptions::default() },
         plans: PLANS,

@@ -17,7 +17,7 @@ mod segment;
 mod sequence;
 
 pub use arm::Arm;
-pub use articulate::{Motion, articulate};
+pub use articulate::{Motion, articulate, pace};
 pub use bench::{Bench, Pace, bad_argument, failure_of, through_air, with_feeling};
 pub use segment::{Fingers, Follow, Guard, Law, Segment};
 pub use sequence::{Ending, Report, Sequence};

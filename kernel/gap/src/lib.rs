@@ -35,6 +35,6 @@ pub use error::GapError;
 pub use find::{Found, Options, find};
 pub use flexible::Region;
 pub use page::page;
-pub use predict::predict;
+pub use predict::{predict, prediction_error};
 pub use report::Report;
 pub use windows::Figures;

@@ -1,5 +1,6 @@
 //! Predictions over windows, as a table that anyone can check the gap's figures by.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use sagci_model::ObjectModel;
@@ -40,4 +41,19 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
         text.push('\n');
     });
     Ok(text)
+}
+
+/// The gap of a model as it is: RMSE of the predicted positions by joint, rad or m, over windows of `window` s. Nothing is fitted.
+///
+/// # Errors
+/// As [`crate::find`].
+pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
+    let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
+    let search = Search::new(model, &trajectories)?;
+    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
+    let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
+    let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
+    let ranges: Vec<f64> = search.joints.iter().map(|j| model.joints[*j].limits.range()).collect();
+    let figures = Smoothed::new(&follower, &trajectories, &noise)?.figures(&plant, &trajectories, window, &ranges);
+    Ok(search.names.iter().cloned().zip(figures.rmse).collect())
 }

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use sagci_library::Library;
+use sagci_library::{Evidence, Library};
 use sagci_model::ObjectModel;
 
 /// Where object models come from.
@@ -14,6 +14,13 @@ pub trait Models: Send + Sync {
 
     /// Name of the current version of a model, and the hash of its bytes.
     fn version(&self, name: &str) -> Result<(String, String), String>;
+
+    /// Publishes a new version of a model, with the files that say why it is believed: its name, and the model as it was stored. `model` and
+    /// `version` answer what they did before: runs that are under way keep what they began with. `Err` says why it could not be published.
+    fn publish(&self, name: &str, model: &ObjectModel, evidence: &[Evidence]) -> Result<(String, Arc<ObjectModel>), String> {
+        let _ = (model, evidence);
+        Err(format!("a new version of '{name}' cannot be published: these models are not in a library"))
+    }
 }
 
 /// The library on disk; each model is read once, and stays what it was then.
@@ -50,5 +57,13 @@ impl Models for LibraryModels {
     fn version(&self, name: &str) -> Result<(String, String), String> {
         // A version is named by the hash of its bytes.
         self.stored(name).map(|(version, _)| (version.clone(), version))
+    }
+
+    fn publish(&self, name: &str, model: &ObjectModel, evidence: &[Evidence]) -> Result<(String, Arc<ObjectModel>), String> {
+        // What is current must be remembered before it is another.
+        self.stored(name)?;
+        let version = self.library.publish_model(name, model, evidence).map_err(|e| e.to_string())?;
+        let stored = self.library.get_version(name, version.as_str()).map_err(|e| e.to_string())?;
+        Ok((version.to_string(), stored.model))
     }
 }

@@ -8,6 +8,7 @@
 mod camera;
 mod convert;
 mod geometry;
+mod hidden;
 pub mod judge;
 mod perturbation;
 mod random;
@@ -25,7 +26,7 @@ pub use rapier::RapierWorld;
 pub use scene::{Placement, Scene, SceneObject};
 pub use sensors::SensorNoise;
 
-use judge::{Goal, Verdict};
+use judge::{Goal, NamedEffect, Verdict};
 
 use sagci_signal::{Command, DepthImage, Observation};
 
@@ -46,6 +47,12 @@ pub trait World: Send {
 
     /// Holds the command for one control period.
     fn advance(&mut self, command: &Command) -> Result<(), WorldError>;
+
+    /// Takes note of what a run says that a stored model lacks, for the judge to score. Nothing comes back, so that nobody can try names until
+    /// one is right; a later answer for the same joint takes the place of an earlier one.
+    fn answer(&mut self, object: &str, named: &[NamedEffect]) {
+        let _ = (object, named);
+    }
 
     /// Ends the run and holds the goals against what is true. It consumes the world, so that nobody can act on the
     /// answer. `None` where the truth is not known: a real robot, a recording without it, a world never reset.

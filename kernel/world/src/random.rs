@@ -18,6 +18,8 @@ pub(crate) enum Purpose {
     Robot,
     /// Physical parameters of the object at this place in the scene.
     Object(usize),
+    /// The effect that is hidden in the object at this place in the scene.
+    Hidden(usize),
 }
 
 /// One stream.
@@ -35,6 +37,7 @@ impl Random {
             Purpose::Camera => 3,
             Purpose::Robot => 4,
             Purpose::Object(index) => 100 + index as u128,
+            Purpose::Hidden(index) => (1 << 32) + index as u128,
         };
         Self { pcg: Pcg64::new(u128::from(seed), stream), spare: None }
     }

@@ -27,6 +27,8 @@ pub struct SceneObject {
     pub placement: Placement,
     /// Positions of its moving joints at the start, in the model's order.
     pub q: Vec<f64>,
+    /// A joint that has an effect which the stored model lacks, drawn from the seed; the judge alone says which.
+    pub hidden_effect: Option<String>,
 }
 
 /// Roughly where an object is.

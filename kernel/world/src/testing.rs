@@ -32,6 +32,7 @@ pub(crate) fn put_model(scene: &mut Scene, name: &str, model: ObjectModel, at: [
         model: Arc::new(model),
         placement: Placement::World(Isometry3::translation(at[0], at[1], at[2])),
         q,
+        hidden_effect: None,
     });
 }
 

@@ -1,7 +1,7 @@
 //! Shuts a door, a drawer or a lid by its handle: the joint moves to its lower end and is pressed against it.
 #![deny(unsafe_code)]
 
-use sagci_execution::{Bench, Motion, articulate};
+use sagci_execution::{Bench, Motion, articulate, pace};
 use sagci_model::JointKind;
 use sagci_skill::{Failure, Manifest, ManifestError, Plan, PlanRequest, Skill, export_skill};
 
@@ -29,6 +29,9 @@ impl Skill for Close {
         let joint_model = &model.joints[index];
         let pick = |(turn, slide): (f64, f64)| if joint_model.kind == JointKind::Prismatic { slide } else { turn };
         let shut = joint_model.limits.lower;
-        articulate(&bench, &Motion { object, joint, to: shut - pick(PRESS), between: [shut - pick(SHUT), shut + pick(SHUT)] })
+        articulate(
+            &bench,
+            &Motion { object, joint, to: shut - pick(PRESS), between: [shut - pick(SHUT), shut + pick(SHUT)], pace: pace(request)? },
+        )
     }
 }

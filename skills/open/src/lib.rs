@@ -1,7 +1,7 @@
 //! Opens a door, a drawer or a lid by its handle: the joint moves toward its upper end.
 #![deny(unsafe_code)]
 
-use sagci_execution::{Bench, Motion, articulate, bad_argument};
+use sagci_execution::{Bench, Motion, articulate, bad_argument, pace};
 use sagci_model::JointKind;
 use sagci_skill::{Argument, Failure, Manifest, ManifestError, Plan, PlanRequest, Skill, export_skill};
 
@@ -46,6 +46,6 @@ impl Skill for Open {
         }
         // The last bit is lost to the springs of the grip: aim a little further where the joint allows it.
         let aim = (to + 0.5 * (1.0 - ENOUGH) * (to - now)).min(limits.upper);
-        articulate(&bench, &Motion { object, joint, to: aim, between: [now + ENOUGH * (to - now), limits.upper] })
+        articulate(&bench, &Motion { object, joint, to: aim, between: [now + ENOUGH * (to - now), limits.upper], pace: pace(request)? })
     }
 }

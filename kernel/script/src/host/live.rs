@@ -86,6 +86,8 @@ pub(super) struct Live {
     pub progress: Arc<dyn Progress>,
     pub cancel: Arc<AtomicBool>,
     pub seed: u64,
+    /// What was sensed in the last call of a skill, period by period.
+    pub sensed: Vec<Observation>,
 }
 
 /// What to look for.

@@ -3,6 +3,7 @@
 mod aim;
 mod arm;
 mod belief;
+mod gap;
 mod geometry;
 mod live;
 /// What happens in a run, as it happens.

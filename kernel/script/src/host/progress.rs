@@ -42,6 +42,11 @@ pub enum Event<'a> {
         /// How.
         report: &'a StepReport,
     },
+    /// The gap workflow says what it does.
+    Searching {
+        /// What.
+        text: &'a str,
+    },
     /// The script prints.
     Say {
         /// What.

@@ -19,6 +19,9 @@ pub struct RunReport {
     pub world: String,
     /// The skills that were called, in order.
     pub steps: Vec<StepReport>,
+    /// What models were found to lack, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub gaps: Vec<GapReport>,
     /// What the judge says, where the world knows the truth and the script has goals.
     pub goals: Vec<GoalReport>,
     /// Why it did not succeed.
@@ -96,6 +99,50 @@ pub struct CheckReport {
     pub holds: Option<bool>,
     /// What was seen.
     pub seen: String,
+}
+
+/// What a model was found to lack.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct GapReport {
+    /// Name of the object in the scene.
+    pub object: String,
+    /// The joint that was moved.
+    pub joint: String,
+    /// `no_gap`, `named`, `ambiguous` or `unknown`.
+    pub verdict: String,
+    /// The missing effects.
+    pub effects: Vec<EffectReport>,
+    /// RMSE of predicted positions, on runs that were not fitted where there are any: of the model as it was.
+    pub before: f64,
+    /// With its known numbers refitted.
+    pub refitted: f64,
+    /// With the effects.
+    pub after: f64,
+    /// What noise alone gives.
+    pub noise_floor: f64,
+    /// `rad` or `m`.
+    pub unit: String,
+    /// The version that was published.
+    pub version: Option<String>,
+    /// What was doubted or left out.
+    pub notes: Vec<String>,
+    /// Wall time, s.
+    pub wall_seconds: f64,
+}
+
+/// An effect that a model lacked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EffectReport {
+    /// Its name in the catalogue.
+    pub name: String,
+    /// Names that the data cannot tell from it.
+    pub alternatives: Vec<String>,
+    /// Its joint.
+    pub joint: String,
+    /// Its numbers, SI.
+    pub parameters: BTreeMap<String, f64>,
+    /// Data that were not fitted agree.
+    pub confirmed: bool,
 }
 
 /// What the judge says of one goal.

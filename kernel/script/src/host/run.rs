@@ -17,15 +17,16 @@ use sagci_world::{Placement, Scene, World};
 
 use super::arm::HostArm;
 use super::belief::{self, joint_slot};
+use super::gap::Recorded;
 use super::live::{Live, Perceive, Sought, Thing, broken};
 use super::progress::{Event, Progress};
-use super::report::{FailureReport, GoalReport, RunReport, StepReport, StepStatus, Version, Versions, figures, gap};
+use super::report::{FailureReport, GapReport, GoalReport, RunReport, StepReport, StepStatus, Version, Versions, figures, gap};
 use super::scene::Declared;
 use super::step::{Calling, failure};
 use crate::language::engine::{Surroundings, code_name};
 use crate::language::execute::{End, execute};
-use crate::language::stage::{Declaration, Outcome, Quantity, Refusal, Stage, Stop};
-use crate::language::value::{Angle, Length, argument_words};
+use crate::language::stage::{Declaration, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
+use crate::language::value::{Angle, Length, RunHandle, argument_words};
 use crate::plugins::{LoadedSkill, SkillSet};
 use crate::{Diagnostic, Models};
 
@@ -100,6 +101,9 @@ pub fn run(script: &Path, kit: &Kit, options: &RunOptions) -> Result<RunReport, 
         steps: Vec::new(),
         journal: None,
         used_skills: BTreeMap::new(),
+        runs: Vec::new(),
+        gaps: Vec::new(),
+        published: BTreeMap::new(),
     }));
     let stage: Rc<RefCell<dyn Stage>> = host.clone();
     let end = execute(script, Surroundings { skills: kit.skills.loaded.clone(), stage, cancel: kit.cancel.clone() });
@@ -158,7 +162,7 @@ fn goals_of(script: &Path) -> Result<Option<Goals>, RunError> {
 }
 
 /// How far a run is.
-enum Phase {
+pub(super) enum Phase {
     /// Things are being declared.
     Declaring,
     /// The world stands.
@@ -168,23 +172,28 @@ enum Phase {
 }
 
 /// What is predicted, where nothing moves.
-struct Predicted {
+pub(super) struct Predicted {
     belief: sagci_signal::SceneBelief,
     q: Vec<f64>,
     gripper_width: f64,
     models: Vec<Arc<ObjectModel>>,
 }
 
-struct Host {
+pub(super) struct Host {
     script: PathBuf,
-    kit: Kit,
-    options: RunOptions,
+    pub(super) kit: Kit,
+    pub(super) options: RunOptions,
     goals: Option<Goals>,
-    declared: Declared,
-    phase: Phase,
+    pub(super) declared: Declared,
+    pub(super) phase: Phase,
     steps: Vec<StepReport>,
     journal: Option<Journal>,
     used_skills: BTreeMap<String, LoadedSkill>,
+    /// What calls of skills left for the gap workflow.
+    pub(super) runs: Vec<Recorded>,
+    pub(super) gaps: Vec<GapReport>,
+    /// Models that this run has published, by name: version, and the model. Other runs of the same program keep what they began with.
+    pub(super) published: BTreeMap<String, (String, Arc<ObjectModel>)>,
 }
 
 impl Host {
@@ -242,6 +251,7 @@ impl Host {
             progress: self.kit.progress.clone(),
             cancel: self.kit.cancel.clone(),
             seed: self.options.seed,
+            sensed: Vec::new(),
         };
         let all: Vec<Sought> = live.belief.objects.iter().map(|o| Sought::object(&o.name)).collect();
         let looked = live.look_around(&all);
@@ -297,6 +307,7 @@ impl Host {
             }
             Phase::Live(live) => {
                 let start = live.observation.time;
+                live.sensed.clear();
                 if let Some(f) = live.see(&arguments)? {
                     return Ok(Some(f));
                 }
@@ -309,10 +320,19 @@ impl Host {
                     Err(f) => return Ok(Some(f)),
                 };
                 report.predicted = figures(&plan.summary.predicted);
+                let believed = live.belief.clone();
                 let calling = Calling { step, skill: &skill.manifest.name, call };
                 let carried = live.carry_out(&calling, &plan.summary, plan.execution.as_mut());
                 report.seconds = live.observation.time - start;
                 let mut carried = carried?;
+                if let Some((object, joint)) = &carried.moved {
+                    let recorded = Recorded::new(live, &believed, object, joint);
+                    if let Some(out) = &self.options.out {
+                        let stem = format!("seed-{}.run-{}", self.options.seed, self.runs.len() + 1);
+                        recorded.write(out, &stem).map_err(|e| broken("what was recorded", e))?;
+                    }
+                    self.runs.push(recorded);
+                }
                 report.measured = figures(&carried.measured);
                 if carried.failure.is_none() {
                     report.checks = live.verify(&plan.summary.postconditions, &mut carried.measured)?;
@@ -374,6 +394,7 @@ impl Host {
             script: script.to_owned(),
             world: world_kind,
             steps: std::mem::take(&mut self.steps),
+            gaps: std::mem::take(&mut self.gaps),
             goals,
             failure,
             recording,
@@ -513,6 +534,30 @@ impl Stage for Host {
         let value = q.get(slot).copied().unwrap_or(0.0);
         let slides = model.moving_joints().nth(slot).is_some_and(|j| model.joints[j].kind == JointKind::Prismatic);
         Ok(if slides { Quantity::Length(Length(value)) } else { Quantity::Angle(Angle(value)) })
+    }
+
+    fn hide(&mut self, object: &str, joint: Option<&str>) -> Result<(), Refusal> {
+        if !matches!(self.phase, Phase::Declaring) {
+            let hint = Some("say it before the first skill is called".to_owned());
+            return Err(Refusal { message: "an effect cannot be hidden after the robot has begun".to_owned(), hint });
+        }
+        self.declared.hide(object, joint)
+    }
+
+    fn last_run(&mut self) -> Result<RunHandle, Refusal> {
+        self.last_recorded()
+    }
+
+    fn gap(&mut self, request: &GapRequest) -> Result<GapAnswer, Stop> {
+        self.close_gap(request)
+    }
+
+    fn prediction_error(&mut self, object: &str, run: RunHandle) -> Result<Quantity, Stop> {
+        self.error_of(object, run)
+    }
+
+    fn version(&mut self, object: &str) -> Result<String, Refusal> {
+        self.version_of(object)
     }
 
     fn say(&mut self, text: &str) {

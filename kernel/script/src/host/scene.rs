@@ -29,6 +29,8 @@ pub struct Declared {
     pub robot: Option<String>,
     /// The objects, in the script's order.
     pub objects: Vec<(Declaration, Arc<ObjectModel>)>,
+    /// Joints in which the world hides an effect, by object.
+    hidden: BTreeMap<String, String>,
 }
 
 fn refuse<T>(message: String, hint: impl Into<Option<String>>) -> Result<T, Refusal> {
@@ -76,6 +78,23 @@ impl Declared {
             }
         }
         self.objects.push((declaration, model));
+        Ok(())
+    }
+
+    /// The world is to hide an effect in a joint; in the first moving one if none is named.
+    pub fn hide(&mut self, object: &str, joint: Option<&str>) -> Result<(), Refusal> {
+        let Some((_, model)) = self.get(object) else { return refuse(format!("'{object}' is not declared"), None) };
+        let names: Vec<&str> = model.moving_joints().map(|j| model.joints[j].name.as_str()).collect();
+        let chosen = match joint {
+            Some(joint) => names.iter().find(|n| **n == joint),
+            None => names.first(),
+        };
+        let Some(chosen) = chosen.map(|n| (*n).to_owned()) else {
+            let wanted = joint.map_or_else(String::new, |j| format!(" '{j}'"));
+            let message = format!("the model '{}' has no moving joint{wanted} in which an effect could be hidden", model.name);
+            return refuse(message, hint_among(joint.unwrap_or_default(), "its joints", names));
+        };
+        self.hidden.insert(object.to_owned(), chosen);
         Ok(())
     }
 
@@ -157,7 +176,8 @@ impl Declared {
             };
             poses.insert(&declaration.name, X_WO);
             let name = declaration.name.clone();
-            objects.push(SceneObject { name: name.clone(), model: model.clone(), placement, q: q.clone() });
+            let hidden_effect = self.hidden.get(&name).cloned();
+            objects.push(SceneObject { name: name.clone(), model: model.clone(), placement, q: q.clone(), hidden_effect });
             beliefs.push(ObjectBelief { name, model: model.folder.clone(), X_WO, q, covariance, X_TO: None, seen: false });
         }
         let belief = SceneBelief {

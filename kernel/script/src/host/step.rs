@@ -42,6 +42,16 @@ pub(super) struct Calling<'a> {
 pub(super) struct Carried {
     pub failure: Option<Failure>,
     pub measured: Vec<Measure>,
+    /// The last object whose joint it moved, and the joint.
+    pub moved: Option<(String, String)>,
+}
+
+/// The last object whose joint changed, and the joint.
+fn moved(changes: &[BeliefChange]) -> Option<(String, String)> {
+    changes.iter().rev().find_map(|change| match change {
+        BeliefChange::Joint { object, joint, .. } => Some((object.clone(), joint.clone())),
+        _ => None,
+    })
 }
 
 pub(super) fn failure(code: FailureCode, stage: &str, message: impl Into<String>) -> Failure {
@@ -95,6 +105,7 @@ impl Live {
         let planned: f64 = summary.phases.iter().map(|p| p.seconds).sum();
         let start = self.observation.time;
         let deadline = start + SLOW * planned + GRACE;
+        self.sensed.clear();
         let (mut belief, mut asked_to_stop, mut next_event, mut phase) = (None, None, start, usize::MAX);
         loop {
             let now = self.observation.time;
@@ -128,6 +139,7 @@ impl Live {
             if usable {
                 self.arm.gripper = reply.command.gripper;
                 self.advance(&reply.command)?;
+                self.sensed.push(self.observation.clone());
             }
             match reply.status {
                 Status::Running if !usable => {
@@ -137,7 +149,11 @@ impl Live {
                         reply.command.tau.len(),
                         self.observation.q.len()
                     );
-                    return Ok(Carried { failure: Some(failure(FailureCode::PluginFault, "execution", message)), measured: Vec::new() });
+                    return Ok(Carried {
+                        failure: Some(failure(FailureCode::PluginFault, "execution", message)),
+                        measured: Vec::new(),
+                        moved: None,
+                    });
                 }
                 Status::Running => {}
                 Status::Look { objects } => {
@@ -149,7 +165,7 @@ impl Live {
                 }
                 Status::Done { measured, changes } => {
                     self.apply(&changes)?;
-                    return Ok(Carried { failure: None, measured });
+                    return Ok(Carried { failure: None, measured, moved: moved(&changes) });
                 }
                 Status::Failed { failure, measured, changes } => {
                     self.come_to_rest()?;
@@ -158,7 +174,7 @@ impl Live {
                         return Err(Stop::Interrupted);
                     }
                     let failure = if late { timed_out() } else { failure };
-                    return Ok(Carried { failure: Some(failure), measured });
+                    return Ok(Carried { failure: Some(failure), measured, moved: moved(&changes) });
                 }
             }
             if asked_to_stop.is_some_and(|t| self.observation.time - t > STOP_TIME) {
@@ -167,7 +183,7 @@ impl Live {
                 if self.cancelled() {
                     return Err(Stop::Interrupted);
                 }
-                return Ok(Carried { failure: Some(timed_out()), measured: Vec::new() });
+                return Ok(Carried { failure: Some(timed_out()), measured: Vec::new(), moved: None });
             }
         }
     }

@@ -14,6 +14,7 @@ use sagci_model::{JointKind, ObjectModel};
 
 use super::bind::{Given, bind};
 use super::engine::{EXPECT_HINT, Nowhere, SCENE, Surroundings, engine, known_functions};
+use super::gap::{GAP_HINT, GAP_OPTIONS};
 use super::modules::locate;
 use super::suggest::{did_you_mean, hint_among};
 use super::value::{ANGLE_UNITS, Kind, LENGTH_UNITS};
@@ -362,7 +363,7 @@ impl Checker<'_> {
 
     fn property(&mut self, base: &Guess, name: &str, position: Position) -> Guess {
         let known: &[(&str, Option<Kind>)] = match base.kind {
-            Some(Kind::Object) => &[("name", Some(Kind::Text)), ("position", None)],
+            Some(Kind::Object) => &[("name", Some(Kind::Text)), ("position", None), ("version", Some(Kind::Text))],
             Some(Kind::Angle) => &[("deg", Some(Kind::Number)), ("rad", Some(Kind::Number))],
             Some(Kind::Length) => &[("m", Some(Kind::Number)), ("cm", Some(Kind::Number)), ("mm", Some(Kind::Number))],
             Some(Kind::Scene) => &[],
@@ -504,6 +505,11 @@ impl Checker<'_> {
 
     /// The functions of `value.rs`.
     fn ours(&mut self, name: &str, arguments: &[(Guess, Position)], position: Position) -> Option<Guess> {
+        match name {
+            "gap" if matches!(arguments.len(), 2 | 3) => return Some(self.gap(arguments)),
+            "last_run" if arguments.is_empty() => return Some(Guess::of(Kind::Run)),
+            _ => {}
+        }
         let units = |units: &[(&str, f64)]| units.iter().any(|(n, _)| *n == name);
         let (kind, wanted, hint): (Kind, Kind, &str) = match name {
             _ if units(ANGLE_UNITS) => (Kind::Angle, Kind::Number, "it makes an angle of a bare number"),
@@ -535,6 +541,36 @@ impl Checker<'_> {
             self.region(model, rest.first(), position);
         }
         Some(Guess::of(kind))
+    }
+
+    /// Which object, which runs, and what stands in the map.
+    fn gap(&mut self, arguments: &[(Guess, Position)]) -> Guess {
+        let wanted = [
+            ("an object first", &[Kind::Object][..]),
+            ("recorded runs", &[Kind::Run, Kind::Other]),
+            ("its options as a map", &[Kind::Map]),
+        ];
+        for ((guess, at), (what, kinds)) in arguments.iter().zip(wanted) {
+            if let Some(is) = guess.kind.filter(|k| !kinds.contains(k)) {
+                self.problem(*at, format!("gap(...) needs {what}, and is given {}", is.words()), Some(GAP_HINT.to_owned()));
+            }
+        }
+        if let Some((Guess { facts: Facts::Map(entries), .. }, _)) = arguments.get(2) {
+            for (name, value, at) in entries {
+                match GAP_OPTIONS.iter().find(|(n, _)| n == name) {
+                    None => {
+                        let hint = hint_among(name, "its options", GAP_OPTIONS.map(|(n, _)| n));
+                        self.problem(*at, format!("gap has no option '{name}'"), Some(hint));
+                    }
+                    Some((_, wanted)) => {
+                        if let Some((is, wanted)) = value.kind.zip(*wanted).filter(|(is, wanted)| is != wanted) {
+                            self.problem(*at, format!("gap: '{name}' is {}, and must be {}", is.words(), wanted.words()), None);
+                        }
+                    }
+                }
+            }
+        }
+        Guess::of(Kind::Map)
     }
 
     fn region(&mut self, model: &ObjectModel, named: Option<&(Guess, Position)>, position: Position) {

@@ -14,8 +14,8 @@ use sagci_skill::{Argument, Failure};
 
 use super::bind::{Given, bind};
 use super::modules::ConfinedModules;
-use super::stage::{Declaration, DeclaredPlace, Outcome, Quantity, Refusal, Stage, Stop};
-use super::value::{self, Angle, At, Facing, Inside, Kind, Length, ObjectHandle, SceneHandle};
+use super::stage::{Declaration, DeclaredPlace, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
+use super::value::{self, Angle, At, Facing, Inside, Kind, Length, ObjectHandle, RunHandle, SceneHandle};
 use crate::plugins::LoadedSkill;
 
 /// The name under which scripts find the scene.
@@ -59,6 +59,7 @@ pub fn engine(folder: &Path, surroundings: Surroundings) -> Engine {
     engine.on_var(|name, _, _| Ok((name == SCENE).then(|| Dynamic::from(SceneHandle))));
     value::register(&mut engine);
     register_scene(&mut engine, &stage);
+    super::gap::register(&mut engine, &stage);
     for skill in skills {
         register_skill(&mut engine, skill, &stage);
     }
@@ -147,24 +148,44 @@ impl Stage for Nowhere {
         Ok(Quantity::Angle(Angle(0.0)))
     }
 
+    fn hide(&mut self, _: &str, _: Option<&str>) -> Result<(), Refusal> {
+        Ok(())
+    }
+
+    fn last_run(&mut self) -> Result<RunHandle, Refusal> {
+        Ok(RunHandle(0))
+    }
+
+    fn gap(&mut self, _: &GapRequest) -> Result<GapAnswer, Stop> {
+        Err(Stop::Interrupted)
+    }
+
+    fn prediction_error(&mut self, _: &str, _: RunHandle) -> Result<Quantity, Stop> {
+        Err(Stop::Interrupted)
+    }
+
+    fn version(&mut self, _: &str) -> Result<String, Refusal> {
+        Ok(String::new())
+    }
+
     fn say(&mut self, _: &str) {}
 }
 
-type Raised = Box<EvalAltResult>;
+pub(super) type Raised = Box<EvalAltResult>;
 
 fn terminate(termination: Termination, position: Position) -> Raised {
     EvalAltResult::ErrorTerminated(Dynamic::from(termination), position).into()
 }
 
-fn refuse(refusal: Refusal, position: Position) -> Raised {
+pub(super) fn refuse(refusal: Refusal, position: Position) -> Raised {
     terminate(Termination::Refused(refusal), position)
 }
 
-fn refuse_with(position: Position, message: String, hint: &str) -> Raised {
+pub(super) fn refuse_with(position: Position, message: String, hint: &str) -> Raised {
     refuse(Refusal { message, hint: (!hint.is_empty()).then(|| hint.to_owned()) }, position)
 }
 
-fn quantity_value(quantity: Quantity) -> Dynamic {
+pub(super) fn quantity_value(quantity: Quantity) -> Dynamic {
     match quantity {
         Quantity::Angle(a) => Dynamic::from(a),
         Quantity::Length(l) => Dynamic::from(l),
@@ -317,17 +338,19 @@ fn register_skill(engine: &mut Engine, skill: LoadedSkill, stage: &Rc<RefCell<dy
         engine.register_raw_fn(name, vec![TypeId::of::<Dynamic>(); arity], move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
             let position = context.call_position();
             let arguments = arguments(&skill, position, args)?;
-            match stage.borrow_mut().call(&skill, arguments) {
-                Ok(outcome) => Ok(outcome_map(&outcome)),
-                Err(Stop::Failed(failure)) => {
-                    let thrown = Dynamic::from(failure_map(&skill.manifest.name, &failure));
-                    Err(EvalAltResult::ErrorRuntime(thrown, position).into())
-                }
-                Err(Stop::Refused(refusal)) => Err(refuse(refusal, position)),
-                Err(Stop::Interrupted) => Err(terminate(Termination::Interrupted, position)),
-                Err(Stop::Broken(message)) => Err(terminate(Termination::Broken(message), position)),
-            }
+            let called = stage.borrow_mut().call(&skill, arguments);
+            called.map(|outcome| outcome_map(&outcome)).map_err(|stop| stopped(&skill.manifest.name, stop, position))
         });
+    }
+}
+
+/// Why a call did not end well, for the script: it may catch a failure, and nothing else.
+pub(super) fn stopped(function: &str, stop: Stop, position: Position) -> Raised {
+    match stop {
+        Stop::Failed(failure) => EvalAltResult::ErrorRuntime(Dynamic::from(failure_map(function, &failure)), position).into(),
+        Stop::Refused(refusal) => refuse(refusal, position),
+        Stop::Interrupted => terminate(Termination::Interrupted, position),
+        Stop::Broken(message) => terminate(Termination::Broken(message), position),
     }
 }
 

@@ -4,6 +4,7 @@ pub mod bind;
 pub mod check;
 pub mod engine;
 pub mod execute;
+mod gap;
 pub mod modules;
 pub mod stage;
 pub mod suggest;

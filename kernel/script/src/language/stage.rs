@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sagci_skill::{Argument, Failure, Measure};
 
-use super::value::{Angle, At, Inside, Length};
+use super::value::{Angle, At, Inside, Length, RunHandle};
 use crate::plugins::LoadedSkill;
 
 /// One `scene.expect(...)`.
@@ -61,6 +61,60 @@ pub struct Outcome {
     pub measured: Vec<Measure>,
 }
 
+/// Asks what an object's model lacks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GapRequest {
+    /// Name of the object in the scene.
+    pub object: String,
+    /// What is fitted.
+    pub runs: Vec<RunHandle>,
+    /// What is not, and has to agree; if there is none, a part of `runs` where they are three or more.
+    pub held_out: Vec<RunHandle>,
+    /// Publish the better model, and plan with it from then on.
+    pub apply: bool,
+    /// Publish also what held-out data do not confirm.
+    pub accept_unconfirmed: bool,
+    /// Length of the windows over which positions are predicted, s.
+    pub window: f64,
+}
+
+/// What an object's model lacks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GapAnswer {
+    /// `no_gap`, `named`, `ambiguous` or `unknown`.
+    pub verdict: String,
+    /// The effects.
+    pub effects: Vec<FoundEffect>,
+    /// RMSE of the predicted positions, on data that were not fitted where there are any: of the model as it was, with its known numbers
+    /// refitted, with the effects, and what the noise alone gives.
+    pub before: Quantity,
+    /// See `before`.
+    pub refitted: Quantity,
+    /// See `before`.
+    pub after: Quantity,
+    /// See `before`.
+    pub noise_floor: Quantity,
+    /// The version that was published.
+    pub version: Option<String>,
+    /// What was doubted or left out, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// An effect that a model lacked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundEffect {
+    /// Its name in the catalogue.
+    pub name: String,
+    /// Names that the data cannot tell from it.
+    pub alternatives: Vec<String>,
+    /// Its joint.
+    pub joint: String,
+    /// Its numbers, SI units.
+    pub parameters: BTreeMap<String, f64>,
+    /// Data that were not fitted agree.
+    pub confirmed: bool,
+}
+
 /// Why a skill call did not end well.
 #[derive(Debug)]
 pub enum Stop {
@@ -87,6 +141,21 @@ pub trait Stage {
 
     /// Where a joint is believed to be; the object's first moving joint if none is named.
     fn position(&mut self, object: &str, joint: Option<&str>) -> Result<Quantity, Refusal>;
+
+    /// `scene.hidden_effect(object)`: the measured joint has an effect that the stored model lacks; the first moving joint if none is named.
+    fn hide(&mut self, object: &str, joint: Option<&str>) -> Result<(), Refusal>;
+
+    /// `last_run()`: the last call of a skill that moved an object's joint.
+    fn last_run(&mut self) -> Result<RunHandle, Refusal>;
+
+    /// `gap(object, runs, ...)`.
+    fn gap(&mut self, request: &GapRequest) -> Result<GapAnswer, Stop>;
+
+    /// `prediction_error(object, run)`: RMSE of the positions that the object's model predicts for a run.
+    fn prediction_error(&mut self, object: &str, run: RunHandle) -> Result<Quantity, Stop>;
+
+    /// `object.version`: the version of the object's model that is planned with now.
+    fn version(&mut self, object: &str) -> Result<String, Refusal>;
 
     /// `print(...)`.
     fn say(&mut self, text: &str);

@@ -40,6 +40,10 @@ pub struct ObjectHandle {
     pub joint: Option<String>,
 }
 
+/// What was recorded in one call of a skill: its number among the calls.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunHandle(pub usize);
+
 /// A region of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inside {
@@ -65,6 +69,12 @@ impl fmt::Display for ObjectHandle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name)?;
         self.joint.as_ref().map_or(Ok(()), |joint| write!(f, ".joint(\"{joint}\")"))
+    }
+}
+
+impl fmt::Display for RunHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "run {}", self.0 + 1)
     }
 }
 
@@ -120,6 +130,8 @@ pub enum Kind {
     Text,
     /// `#{...}`.
     Map,
+    /// [`RunHandle`].
+    Run,
     /// Anything else that a script can hold.
     Other,
 }
@@ -147,6 +159,8 @@ impl Kind {
             Self::Text
         } else if value.is_map() {
             Self::Map
+        } else if value.is::<RunHandle>() {
+            Self::Run
         } else if value.is::<SceneHandle>() {
             Self::Scene
         } else {
@@ -168,6 +182,7 @@ impl Kind {
             Self::Truth => "true or false",
             Self::Text => "a text",
             Self::Map => "a map #{...}",
+            Self::Run => "a recorded run",
             Self::Other => "something else",
         }
     }
@@ -311,7 +326,8 @@ pub fn register(engine: &mut rhai::Engine) {
             $(engine.register_fn("to_string", |v: &mut $type| v.to_string()).register_fn("to_debug", |v: &mut $type| v.to_string());)*
         };
     }
-    printable!(Angle, Length, At, Facing, Inside, ObjectHandle);
+    engine.register_type_with_name::<RunHandle>("recorded run");
+    printable!(Angle, Length, At, Facing, Inside, ObjectHandle, RunHandle);
 }
 
 /// Functions that make an angle of a number, and their unit in rad.

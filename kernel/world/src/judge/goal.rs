@@ -38,6 +38,18 @@ pub enum Goal {
     Still(Untouched),
     /// At the end, an object rests on the table.
     OnTable(Untouched),
+    /// The effect that was hidden in a joint was named, alone or in a set of names that the data cannot tell apart, and no other beside it.
+    EffectNamed(EffectNamed),
+}
+
+/// See [`Goal::EffectNamed`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectNamed {
+    /// Name of the object in the scene.
+    pub object: String,
+    /// Name of the joint.
+    pub joint: String,
 }
 
 /// See [`Goal::JointPassed`].
@@ -192,6 +204,7 @@ pub(crate) enum Resolved {
     Untouched { object: usize },
     Still { object: usize },
     OnTable { object: usize },
+    EffectNamed { object: usize, joint: usize },
 }
 
 impl Goal {
@@ -206,6 +219,7 @@ impl Goal {
             Self::Untouched(_) => "untouched",
             Self::Still(_) => "still",
             Self::OnTable(_) => "on_table",
+            Self::EffectNamed(_) => "effect_named",
         }
     }
 
@@ -228,6 +242,7 @@ impl Goal {
             Self::Untouched(g) => format!("{} not touched by the gripper", g.object),
             Self::Still(g) => format!("{} at rest", g.object),
             Self::OnTable(g) => format!("{} on the table", g.object),
+            Self::EffectNamed(g) => format!("what {}/{} hides is named", g.object, g.joint),
         }
     }
 
@@ -258,6 +273,13 @@ impl Goal {
             Self::Untouched(g) => Resolved::Untouched { object: find(scene, &g.object)? },
             Self::Still(g) => Resolved::Still { object: find(scene, &g.object)? },
             Self::OnTable(g) => Resolved::OnTable { object: find(scene, &g.object)? },
+            Self::EffectNamed(g) => {
+                let (object, joint, _) = find_joint(scene, &g.object, &g.joint)?;
+                if scene.objects[object].hidden_effect.as_ref() != Some(&g.joint) {
+                    return Err(format!("nothing is hidden in '{}/{}': the script must say scene.hidden_effect(...)", g.object, g.joint));
+                }
+                Resolved::EffectNamed { object, joint }
+            }
         })
     }
 }

@@ -18,6 +18,6 @@ pub struct GoalVerdict {
     pub met: bool,
     /// The figure that decides, in `unit`.
     pub value: f64,
-    /// `deg`, `cm`, `cm/s`, or `contacts`.
+    /// `deg`, `cm`, `cm/s`, `contacts`, or `names`.
     pub unit: String,
 }

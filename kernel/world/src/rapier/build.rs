@@ -8,7 +8,7 @@ use rapier3d_f64::dynamics::{
 };
 use rapier3d_f64::geometry::{ColliderBuilder, ColliderHandle, Group, InteractionGroups, InteractionTestMode};
 use rapier3d_f64::pipeline::PhysicsWorld;
-use sagci_model::{JointKind, ObjectModel};
+use sagci_model::{EffectEntry, JointKind, ObjectModel};
 
 use super::effects::JointEffects;
 use crate::WorldError;
@@ -141,6 +141,8 @@ pub(super) struct Plan<'a> {
     pub model: &'a ObjectModel,
     pub solids: &'a [Solid],
     pub drawn: &'a Drawn,
+    /// An effect that the model lacks.
+    pub hidden: Option<&'a EffectEntry>,
     pub role: Role,
     pub index: u32,
     pub X_WO: Isometry3<f64>,
@@ -276,6 +278,10 @@ pub(super) fn add(world: &mut PhysicsWorld, plan: &Plan) -> Result<Thing, WorldE
             .multibody_joints
             .insert(parent, child, builder.build(), true)
             .ok_or_else(|| wrong(&joint.name, "could not be built: the joints do not form a tree".into()))?;
+        let mut effects = JointEffects::new(model, i, &drawn.joints[i]).map_err(|message| wrong(&joint.name, message))?;
+        if let Some(hidden) = plan.hidden.filter(|e| e.joint.as_ref() == Some(&joint.name)) {
+            effects.hide(hidden).map_err(|message| wrong(&joint.name, message))?;
+        }
         joints.push(Some(MovingJoint {
             handle,
             parent,
@@ -283,7 +289,7 @@ pub(super) fn add(world: &mut PhysicsWorld, plan: &Plan) -> Result<Thing, WorldE
             axis: X_JA.rotation * Vector3::x(),
             origin: Point3::from(X_JA.translation.vector),
             slides,
-            effects: JointEffects::new(model, i, &drawn.joints[i]).map_err(|message| wrong(&joint.name, message))?,
+            effects,
         }));
     }
     let thing = Thing { name: plan.name.to_owned(), bodies, link_body, joints };

@@ -61,6 +61,12 @@ enum Term {
         amplitude: f64,
         phase: f64,
     },
+    /// A sin(n q + phase).
+    Ripple {
+        amplitude: f64,
+        cycles_per_turn: f64,
+        phase: f64,
+    },
     /// F exp(-q / w).
     Gasket {
         force: f64,
@@ -88,7 +94,7 @@ enum Term {
 }
 
 /// Names that [`JointEffects`] knows, for messages.
-const KNOWN: [&str; 14] = [
+const KNOWN: [&str; 15] = [
     "viscous_friction",
     "coulomb_friction",
     "stribeck_friction",
@@ -99,11 +105,18 @@ const KNOWN: [&str; 14] = [
     "torque_bias",
     "joint_spring",
     "hinge_tilt",
+    "torque_ripple",
     "magnetic_gasket",
     "detent",
     "soft_close_damper",
     "hard_stop",
 ];
+
+/// Was the effect estimated from measurements, not written by hand? What this world cannot simulate of those, it does not have: an estimate
+/// may name anything in the catalogue, and the object has to be usable all the same.
+fn was_estimated(entry: &EffectEntry) -> bool {
+    entry.evidence.is_some()
+}
 
 impl JointEffects {
     /// The effects of `model`'s joint, with the factors that were drawn on damping and friction.
@@ -114,14 +127,24 @@ impl JointEffects {
             Term::Coulomb { friction: j.friction * drawn.friction_factor + drawn.extra_friction },
         ];
         for entry in model.document.effects.iter().filter(|e| e.joint.as_deref() == Some(&j.name)) {
-            terms.push(Term::read(entry)?.scaled(drawn));
+            match Term::read(entry) {
+                Ok(term) => terms.push(term.scaled(drawn)),
+                Err(_) if was_estimated(entry) => {}
+                Err(message) => return Err(message),
+            }
         }
         Ok(Self { terms })
     }
 
+    /// Adds an effect that the model does not have, as it is: what was drawn on the model's numbers does not scale it.
+    pub(super) fn hide(&mut self, entry: &EffectEntry) -> Result<(), String> {
+        self.terms.push(Term::read(entry)?);
+        Ok(())
+    }
+
     /// Checks that every effect of a model names a joint and is known here.
     pub(super) fn check(model: &ObjectModel) -> Result<(), String> {
-        for entry in &model.document.effects {
+        for entry in model.document.effects.iter().filter(|e| !was_estimated(e)) {
             match &entry.joint {
                 Some(name) if model.joint(name).is_some() => {
                     Term::read(entry)?;
@@ -181,6 +204,7 @@ impl JointEffects {
                 Term::Bias { bias } => *bias,
                 Term::Spring { stiffness, rest_position } => stiffness * (q - rest_position),
                 Term::Tilt { amplitude, phase } => amplitude * ComplexField::sin(q + phase),
+                Term::Ripple { amplitude, cycles_per_turn, phase } => amplitude * ComplexField::sin(cycles_per_turn * q + phase),
                 Term::Gasket { force, width } => force * ComplexField::exp(-q.max(0.0) / width),
                 Term::Detent { force, position, width } => {
                     let x = (q - position) / width;
@@ -234,6 +258,11 @@ impl Term {
             "torque_bias" => Self::Bias { bias: p.number("bias")? },
             "joint_spring" => Self::Spring { stiffness: p.positive("stiffness")?, rest_position: p.number("rest_position")? },
             "hinge_tilt" => Self::Tilt { amplitude: p.number("amplitude")?, phase: p.number("phase")? },
+            "torque_ripple" => Self::Ripple {
+                amplitude: p.number("amplitude")?,
+                cycles_per_turn: p.positive("cycles_per_turn")?,
+                phase: p.number("phase")?,
+            },
             "magnetic_gasket" => Self::Gasket { force: p.positive("force")?, width: p.above_zero("width")? },
             "detent" => Self::Detent { force: p.number("force")?, position: p.number("position")?, width: p.above_zero("width")? },
             "soft_close_damper" => {

@@ -89,12 +89,31 @@ impl State {
                 let speed = self.speed(object);
                 (speed <= AT_REST, (speed * 100.0, "cm/s"))
             }
+            Resolved::EffectNamed { object, joint } => return self.judge_name(goal, object, joint),
             Resolved::OnTable { object } => {
                 let height = -reach(self.solids_in(object, &Isometry3::identity()), &-Vector3::z()) - self.scene.table_height;
                 (height.abs() <= ON_TABLE, (height * 100.0, "cm"))
             }
         };
         GoalVerdict { text: goal.text(), met, value, unit: unit.to_owned() }
+    }
+
+    /// Was the effect that is hidden in a joint named, and nothing else beside it?
+    fn judge_name(&self, goal: &Goal, object: usize, joint: usize) -> GoalVerdict {
+        let model = self.model(object + 1);
+        let answers: Vec<_> = self.answers[object].iter().filter(|a| a.joint == model.joints[joint].name).collect();
+        let said = match answers.as_slice() {
+            [] => "nothing was named".to_owned(),
+            some => {
+                let sets =
+                    some.iter().map(|a| [&a.name].into_iter().chain(&a.alternatives).map(String::as_str).collect::<Vec<_>>().join(" or "));
+                format!("named was {}", sets.collect::<Vec<_>>().join(" and "))
+            }
+        };
+        let hidden = self.hidden[object].as_ref().map_or("nothing", |e| e.effect.as_str());
+        let met = matches!(answers.as_slice(), [only] if only.names(hidden));
+        let names = answers.iter().map(|a| 1 + a.alternatives.len()).sum::<usize>();
+        GoalVerdict { text: format!("{}: it is {hidden}, {said}", goal.text()), met, value: names as f64, unit: "names".into() }
     }
 
     /// An object's solids, in the frame whose pose in the world is `X_WF`.

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rapier3d_f64::dynamics::{IntegrationParameters, SpringCoefficients};
 use rapier3d_f64::pipeline::PhysicsWorld;
-use sagci_model::{ObjectModel, Robot};
+use sagci_model::{EffectEntry, ObjectModel, Robot};
 use sagci_signal::{Command, DepthImage, Observation, Wrench};
 
 pub(crate) use self::build::TABLE_HALF_EXTENTS;
@@ -29,12 +29,13 @@ use self::gripper::GripperServo;
 use self::history::History;
 use crate::camera::Camera;
 use crate::geometry::{Solid, solids};
-use crate::judge::{Goal, Verdict};
+use crate::hidden;
+use crate::judge::{Goal, NamedEffect, Verdict};
 use crate::perturbation::Drawn;
 use crate::random::{Purpose, Random};
 use crate::sensors::{Perfect, Sensors};
 use crate::truth::{TrueFrame, TrueState};
-use crate::{Scene, World, WorldError, WorldOptions, convert};
+use crate::{Scene, SceneObject, World, WorldError, WorldOptions, convert};
 
 /// Length of a step, which is the control period, s.
 const PERIOD: f64 = 0.001;
@@ -69,6 +70,9 @@ struct State {
     history: History,
     time: u64,
     observation: Observation,
+    /// What each object has that its model lacks, and what was said that it is.
+    hidden: Vec<Option<EffectEntry>>,
+    answers: Vec<Vec<NamedEffect>>,
     /// The physics broke down: nothing more can be asked.
     broken: Option<String>,
 }
@@ -107,6 +111,15 @@ impl World for RapierWorld {
 
     fn advance(&mut self, command: &Command) -> Result<(), WorldError> {
         self.state.as_mut().ok_or_else(not_reset)?.advance(command)
+    }
+
+    fn answer(&mut self, object: &str, named: &[NamedEffect]) {
+        let Some(state) = &mut self.state else { return };
+        if let Some(i) = state.scene.objects.iter().position(|o| o.name == object) {
+            let answers = &mut state.answers[i];
+            answers.retain(|a| !named.iter().any(|n| n.joint == a.joint));
+            answers.extend_from_slice(named);
+        }
     }
 
     fn judge(self: Box<Self>, goals: &[Goal]) -> Option<Verdict> {
@@ -196,11 +209,14 @@ impl State {
                 rubber: &rubber,
                 payload_link,
                 mirrored: &mirrored,
+                hidden: None,
                 armature: &|joint| if fingers.contains(&joint) { gripper::ARMATURE } else { 0.0 },
             },
         )?];
+        let mut hidden = Vec::with_capacity(scene.objects.len());
         for (i, object) in scene.objects.iter().enumerate() {
             let drawn = Drawn::object(&object.model, i, seed, &options.perturbation);
+            let lacking = object.hidden_effect.as_ref().map(|joint| hide(object, joint, &drawn, i, seed)).transpose()?;
             things.push(build::add(
                 &mut physics,
                 &Plan {
@@ -216,8 +232,10 @@ impl State {
                     payload_link: 0,
                     mirrored: &[],
                     armature: &|_| 0.0,
+                    hidden: lacking.as_ref(),
                 },
             )?);
+            hidden.push(lacking);
         }
 
         let mut hand = vec![false; robot_model.links.len()];
@@ -242,6 +260,8 @@ impl State {
             history: History::default(),
             time: 0,
             observation: Observation::default(),
+            answers: vec![Vec::new(); hidden.len()],
+            hidden,
             broken: None,
         };
         state.history = History::new(&state);
@@ -416,6 +436,19 @@ impl State {
         }
         TrueFrame { time: self.seconds(), frames, joints }
     }
+}
+
+/// Draws an effect that a joint of an object has and its model lacks.
+fn hide(object: &SceneObject, joint: &str, drawn: &Drawn, index: usize, seed: u64) -> Result<EffectEntry, WorldError> {
+    let wrong = |message: String| WorldError::Scene { place: object.name.clone(), message };
+    let model = &object.model;
+    let joint = model
+        .moving_joints()
+        .find(|j| model.joints[*j].name == joint)
+        .ok_or_else(|| wrong(format!("has no moving joint '{joint}' in which an effect could be hidden")))?;
+    let friction = JointEffects::new(model, joint, &drawn.joints[joint]).map_err(wrong)?.friction(0.0, 0.0);
+    let wrong = |message: String| WorldError::Scene { place: object.name.clone(), message };
+    hidden::draw(model, joint, friction, index, seed).ok_or_else(|| wrong("its model has every effect that can be hidden in it".into()))
 }
 
 /// Names are unique, joints match, effects are known.

@@ -266,6 +266,7 @@ fn everything(robot: &str) -> Scene {
         model: Arc::new(model("box")),
         placement: Placement::Inside { object: "door".into(), region: Some("behind".into()) },
         q: Vec::new(),
+        hidden_effect: None,
     });
     scene
 }
@@ -366,6 +367,18 @@ fn an_effect_that_is_not_simulated_is_refused() {
     put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
     let error = RapierWorld::new(exact()).reset(&scene, 1).unwrap_err().to_string();
     assert!(error.contains("door") && error.contains("gremlins") && error.contains("joint_spring"), "{error}");
+    // One that was estimated may be wrong; the world is then without it.
+    let mut door = scene.objects.remove(0).model.as_ref().clone();
+    door.document.effects[0].evidence = Some(sagci_model::Evidence {
+        intervals: [].into(),
+        probability: 0.9,
+        alternatives: Vec::new(),
+        data: Vec::new(),
+        held_out: Vec::new(),
+        gap: [0.1, 0.01],
+    });
+    put_model(&mut scene, "door", door, [0.5, 0.0, 0.0]);
+    RapierWorld::new(exact()).reset(&scene, 1).unwrap();
 }
 
 #[test]
@@ -486,4 +499,96 @@ fn the_mounting_error_never_puts_the_shipped_camera_behind_its_own_housing() {
         let measured = image.depth.iter().filter(|z| **z > 0.0).count();
         assert!(measured > image.depth.len() / 2, "seed {seed}: {measured} of {} pixels measured", image.depth.len());
     }
+}
+
+/// The door, driven open, with an effect that its model lacks.
+fn door_that_hides(seed: u64, torque: f64) -> RapierWorld {
+    let mut scene = door_with_bias(torque).state.unwrap().scene;
+    scene.objects[0].hidden_effect = Some("hinge".into());
+    world(&scene, seed, exact())
+}
+
+/// Resistance of a hidden effect, written down a second time from the catalogue.
+fn resistance(entry: &EffectEntry, q: f64, v: f64) -> f64 {
+    let p = |name: &str| entry.parameters[name];
+    let x = || (q - p("position")) / p("width");
+    match entry.effect.as_str() {
+        "joint_spring" => p("stiffness") * (q - p("rest_position")),
+        "torque_bias" => p("bias"),
+        "hinge_tilt" => p("amplitude") * (q + p("phase")).sin(),
+        "magnetic_gasket" => p("force") * (-q / p("width")).exp(),
+        "detent" => p("force") * x() * (0.5 - x() * x() / 2.0).exp(),
+        "quadratic_drag" => p("drag") * v * v.abs(),
+        "torque_ripple" => p("amplitude") * (p("cycles_per_turn") * q + p("phase")).sin(),
+        "position_dependent_friction" => (p("friction") + p("amplitude") * (-x() * x() / 2.0).exp()) * v.signum(),
+        "soft_close_damper" if q < p("position") => p("damping") * v.min(0.0) + p("stiffness") * q,
+        "soft_close_damper" => 0.0,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn a_hidden_effect_moves_the_door_as_the_catalogue_says() {
+    let torque = 18.0;
+    let mut seen = std::collections::BTreeSet::new();
+    for seed in 0..200 {
+        let mut world = door_that_hides(seed, torque);
+        let entry = world.state.as_ref().unwrap().hidden[0].clone().unwrap();
+        if !seen.insert(entry.effect.clone()) {
+            continue;
+        }
+        // I dv/dt = torque - c v - F sgn(v) - resistance, in steps far shorter than the world's.
+        let (inertia, damping, friction) = (0.11, 0.4, 2.0);
+        let (mut q, mut v) = (0.0f64, 0.0f64);
+        for i in 0..250 {
+            world.advance(&Command { tau: vec![7.0], gripper: GripperCommand::default() }).unwrap();
+            for _ in 0..50 {
+                v += 2e-5 * (torque - damping * v - friction * v.signum() - resistance(&entry, q, v)) / inertia;
+                q += 2e-5 * v;
+            }
+            let measured = world.state.as_ref().unwrap().joint_state(1, 0);
+            assert!((measured.0 - q).abs() < 0.004 + 0.01 * q.abs(), "{entry:?}: at {} rad after {i} steps, expected {q}", measured.0);
+            // Its stop is near.
+            if q > 1.2 {
+                break;
+            }
+        }
+        assert!(q > 0.2, "{entry:?} holds the door at {q}");
+    }
+    // All but the bias, by which the model itself drives this door.
+    assert_eq!(seen.len(), 8, "{seen:?}");
+}
+
+#[test]
+fn the_hidden_effect_has_to_be_named_alone_and_the_last_answer_counts() {
+    let goal = || Goal::EffectNamed(crate::judge::EffectNamed { object: "door".into(), joint: "hinge".into() });
+    let named = |name: &str, alternatives: &[&str]| NamedEffect {
+        name: name.into(),
+        alternatives: alternatives.iter().map(|a| (*a).to_owned()).collect(),
+        joint: "hinge".into(),
+    };
+    let judged = |answers: &dyn Fn(&str) -> Vec<Vec<NamedEffect>>| {
+        let mut world = door_that_hides(3, 1.0);
+        let hidden = world.state.as_ref().unwrap().hidden[0].clone().unwrap().effect;
+        answers(&hidden).iter().for_each(|a| world.answer("door", a));
+        let verdict = Box::new(world).judge(&[goal()]).unwrap();
+        assert!(verdict.goals[0].text.contains(&hidden), "{verdict:?}");
+        verdict.met
+    };
+    assert!(judged(&|hidden| vec![vec![named(hidden, &[])]]));
+    assert!(judged(&|hidden| vec![vec![named("latch", &[hidden])]]));
+    assert!(judged(&|hidden| vec![vec![named("latch", &[])], vec![named(hidden, &[])]]));
+    assert!(!judged(&|_| vec![]));
+    assert!(!judged(&|_| vec![vec![named("latch", &[])]]));
+    assert!(!judged(&|hidden| vec![vec![named(hidden, &[]), named("latch", &[])]]));
+    let nothing_hidden = crate::judge::Goals { goals: vec![goal()] }.check(&door_with_bias(1.0).state.unwrap().scene);
+    assert!(nothing_hidden.unwrap_err().to_string().contains("hidden_effect"));
+}
+
+#[test]
+fn an_effect_cannot_be_hidden_in_a_joint_that_is_not_there() {
+    let mut scene = door_with_bias(1.0).state.unwrap().scene;
+    scene.objects[0].hidden_effect = Some("hinges".into());
+    let error = RapierWorld::new(exact()).reset(&scene, 1).unwrap_err().to_string();
+    assert!(error.contains("door") && error.contains("'hinges'"), "{error}");
 }

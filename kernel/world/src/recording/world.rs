@@ -4,7 +4,7 @@ use sagci_signal::{Command, DepthImage, Observation};
 
 use super::schema::{DEPTH, JOINT_COMMANDS, JOINT_STATES, POINTS, ROBOT_DESCRIPTION, TRUTH, WRENCH};
 use super::{Journal, Level, RecordingError, RunRecord, message, nanoseconds};
-use crate::judge::{Goal, Verdict};
+use crate::judge::{Goal, NamedEffect, Verdict};
 use crate::truth::{TrueFrame, TrueState};
 use crate::{RapierWorld, Scene, World, WorldError};
 
@@ -43,6 +43,9 @@ impl World for Opaque {
     }
     fn advance(&mut self, command: &Command) -> Result<(), WorldError> {
         self.0.advance(command)
+    }
+    fn answer(&mut self, object: &str, named: &[NamedEffect]) {
+        self.0.answer(object, named);
     }
     fn judge(self: Box<Self>, goals: &[Goal]) -> Option<Verdict> {
         self.0.judge(goals)
@@ -218,6 +221,10 @@ impl World for RecordedWorld {
         }
         self.write_state();
         result
+    }
+
+    fn answer(&mut self, object: &str, named: &[NamedEffect]) {
+        self.inner.answer(object, named);
     }
 
     fn judge(self: Box<Self>, goals: &[Goal]) -> Option<Verdict> {
