@@ -48,7 +48,7 @@ impl Search<'_> {
         &self,
         fit: &Fit,
         entry: usize,
-        choice: &Choice,
+        (choice, equivalent): (&Choice, &[&str]),
         covariance: Option<&nalgebra::DMatrix<f64>>,
         held_out: Option<f64>,
         agrees: bool,
@@ -72,6 +72,8 @@ impl Search<'_> {
             *less < ALIKE && (*joint == choice.best.joint || *name != what.effect)
         };
         let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
+        alternatives.extend(equivalent.iter().map(|n| (*n).to_owned()));
+        alternatives.sort();
         alternatives.dedup();
         let mut weights: Vec<f64> = choice.others.iter().map(|o| (-o.2).exp()).collect();
         weights.push((-choice.gain).exp());

@@ -57,7 +57,9 @@ const MOST: usize = 4;
 /// Logarithm of the Bayes factor that an effect needs.
 const CONVINCING: f64 = 10.0;
 /// Share of what accelerates a joint that an effect needs: less is below what any model is off by.
-const MATERIAL: f64 = 2.0 * FLOOR;
+const MATERIAL: f64 = FLOOR;
+/// How many times its noise floor a gap may be before something is missing for certain.
+const FAR: f64 = 3.0;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -112,6 +114,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         }
         scale = next;
         search.rank(&mut candidates, scale);
+        search.prefer_simpler(&mut candidates)?;
         let here = search.evidence(&current, scale);
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
@@ -146,6 +149,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             }
             let mut candidates = search.stage(&less, scale)?;
             search.rank(&mut candidates, scale);
+            search.prefer_simpler(&mut candidates)?;
             let name = chosen[at].best.effect;
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
@@ -217,14 +221,19 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     for (i, choice) in chosen.iter().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
         let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.fall > SEEN));
-        effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
+        let equivalent = search.alike(choice, &refitted, &current);
+        effects_found.push(search.describe(&current, entry, (choice, equivalent), covariance.as_ref(), held_out, agrees));
     }
 
+    say("predicting over windows");
+    let (gap, predicted) = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
     // What is left.
     let typical = search.typical_force();
+    // Windows that are far off say so even where the force is small beside others.
+    let off = gap.train.after > FAR * gap.train.noise_floor;
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
-        let counts = n.evidence > 2.0 * CONVINCING && n.force > MATERIAL * typical[joint] && share > NEGLIGIBLE;
+        let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE && (n.force > MATERIAL * typical[joint] || off);
         (counts || nameless_won && chosen.is_empty()).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
@@ -239,8 +248,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         (None, false) => Verdict::Named,
     };
 
-    say("predicting over windows");
-    let (gap, predicted) = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
     let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
     let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);

@@ -1,6 +1,9 @@
 //! How noisy the data are, from the data alone.
 
 use crate::observer::Noise;
+use sagci_model::ActuatorLaw;
+use sagci_recording::CommandKind;
+
 use crate::trajectory::{Drive, Trajectory};
 
 /// Number of points of a divided difference; it is blind to polynomials of a degree less than this minus one.
@@ -105,16 +108,24 @@ pub(crate) fn liveliness(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
     (0..y.len()).map(around).collect()
 }
 
-/// RMS of the efforts on a joint around each row; zero where its drive alone knows them.
-pub(crate) fn strain(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
+/// RMS of the efforts on a joint around each row: measured, commanded, or what a drive's law makes of a command and the position.
+pub(crate) fn strain(trajectory: &Trajectory, joint: usize, law: Option<&ActuatorLaw>) -> Vec<f64> {
     let n = trajectory.joints;
-    if !matches!(trajectory.drive[joint], Drive::Effort | Drive::Command(sagci_recording::CommandKind::Effort)) {
-        return vec![0.0; trajectory.rows()];
-    }
+    let position = |k: usize| trajectory.position[k * n + joint];
+    let efforts = trajectory.input.iter().skip(joint).step_by(n).enumerate().map(|(k, u)| match (trajectory.drive[joint], law) {
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::PositionServo { stiffness, .. })) => stiffness * (u - position(k)),
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. })) => {
+            gain.unwrap_or(0.0) * torque_constant / resistance * (u - position(k))
+        }
+        (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
+            u * torque_constant / resistance
+        }
+        _ => *u,
+    });
     let width = ((SPAN / trajectory.period()).round() as usize).max(2);
     // Sums from the first row on, so that any row's neighbours cost one difference.
     let mut sums = vec![0.0];
-    for u in trajectory.input.iter().skip(joint).step_by(n) {
+    for u in efforts {
         sums.push(sums[sums.len() - 1] + if u.is_finite() { u * u } else { 0.0 });
     }
     let rows = trajectory.rows();

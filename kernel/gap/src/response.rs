@@ -180,16 +180,18 @@ impl Response {
         errors
     }
 
-    /// What the force of each row may depend on.
+    /// What the force of each row may depend on. Inputs are those of the rows beside it: its own has the noise that it is off by.
     pub fn places(&self) -> Vec<Place> {
         let (mut run, mut since, mut before) = (0.0, 0.0, 0.0);
+        let input = |k: usize| 0.5 * (self.rows[k.saturating_sub(1)].input + self.rows[(k + 1).min(self.rows.len() - 1)].input);
         self.rows
             .iter()
-            .map(|row| {
+            .enumerate()
+            .map(|(k, row)| {
                 run += row.h;
                 since = if row.start || row.v * before < 0.0 { 0.0 } else { since + row.h };
                 before = row.v;
-                Place { q: row.q, v: row.v, input: row.input, time: row.time, run, since }
+                Place { q: row.q, v: row.v, input: input(k), time: row.time, run, since }
             })
             .collect()
     }

@@ -55,6 +55,8 @@ const NEAR: f64 = 10.0;
 
 /// An effect at a place after the screens.
 struct Screened {
+    /// Its numbers were fitted in the linear response.
+    linear: bool,
     effect: &'static str,
     joint: Option<usize>,
     hypothesis: Hypothesis,
@@ -150,16 +152,16 @@ impl<'a> Search<'a> {
                 let name = effect.description().name;
                 let hypothesis = base.hypothesis.with(name, place.map(|j| self.names[j].as_str()), &values).ok()?;
                 let response = responses.get(place.unwrap_or(0))?.as_ref()?;
-                let (x, gain) = match effect.description().acts {
-                    Acts::Joint if effect.description().parameter("encoder").is_none() => {
-                        self.by_response(base, response, effect, &hypothesis, &values, scale)
-                    }
-                    _ => self.by_run(response, base, &hypothesis)?,
+                let linear = effect.description().acts == Acts::Joint && effect.description().parameter("encoder").is_none();
+                let (x, gain) = if linear {
+                    self.by_response(base, response, effect, &hypothesis, &values, scale)
+                } else {
+                    self.by_run(response, base, &hypothesis)?
                 };
                 let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;
                 let worth = 0.5 * gain / (scale * scale) - 0.5 * extra * (self.problem.measured() as f64).ln();
                 let hypothesis = Hypothesis { x, ..hypothesis };
-                worth.is_finite().then_some(Screened { effect: name, joint: place, hypothesis, worth })
+                worth.is_finite().then_some(Screened { linear, effect: name, joint: place, hypothesis, worth })
             })
             .collect();
         let mut best: BTreeMap<(&str, Option<usize>), Screened> = BTreeMap::new();
@@ -177,7 +179,7 @@ impl<'a> Search<'a> {
         let mut place = 0;
         ranked.retain(|r| {
             place += 1;
-            r.worth > -NEAR && (place <= 4 || r.worth > HOPE * most)
+            (r.worth > -NEAR || !r.linear) && (place <= 4 || r.worth > HOPE * most)
         });
         let quick = Effort { rounds: 2, enough: 0.5 };
         let mut ranked: Vec<Candidate> = ranked

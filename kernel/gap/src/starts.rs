@@ -79,7 +79,10 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             vec![vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]]
         }
         // The encoder is on the link unless the model says so.
-        "backlash" => [1.0 / 400.0, 1.0 / 100.0, 1.0 / 30.0].iter().map(|g| vec![g * r, 0.2 * m, 0.0]).collect(),
+        "backlash" => {
+            let gaps = [1.0 / 1000.0, 1.0 / 400.0, 1.0 / 200.0, 1.0 / 100.0, 1.0 / 50.0, 1.0 / 25.0];
+            [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, 0.0], &gaps)).collect()
+        }
         "joint_elasticity" => {
             let rotors = [0.08, 0.3];
             let start = |hz: f64, share: f64| {

@@ -87,13 +87,15 @@ impl Trajectory {
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
         this.counted = this.tested();
+        let names = joint_names(model)?;
+        let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
         this.liveliness = this.by_row(noise::liveliness);
-        this.strain = this.by_row(noise::strain);
+        this.strain = this.by_row(|t, j| noise::strain(t, j, law(j)));
         Ok(this)
     }
 
     /// Something of each joint, row by row.
-    fn by_row(&self, of: fn(&Self, usize) -> Vec<f64>) -> Vec<f64> {
+    fn by_row(&self, of: impl Fn(&Self, usize) -> Vec<f64>) -> Vec<f64> {
         let by_joint: Vec<Vec<f64>> = (0..self.joints).map(|j| of(self, j)).collect();
         (0..self.rows()).flat_map(|k| by_joint.iter().map(move |l| l[k])).collect()
     }

@@ -12,6 +12,9 @@ use crate::search::{Candidate, FLOOR, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
+/// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
+const NEAREST: usize = 5;
+const SAME: f64 = 0.5 * FLOOR;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
 
@@ -26,6 +29,21 @@ impl Search<'_> {
             c.evidence = self.evidence(&c.fit, scale);
         }
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    }
+
+    /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by: what is
+    /// left between them is no ground to name the richer one.
+    pub fn prefer_simpler(&self, candidates: &mut [Candidate]) -> Result<(), GapError> {
+        let Some(best) = candidates.first() else { return Ok(()) };
+        let count = |c: &Candidate| c.fit.hypothesis.x.len();
+        let mut chosen = 0;
+        for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
+            if count(candidate) < count(&candidates[chosen]) && self.force_between(&candidate.fit, &best.fit)? < SAME {
+                chosen = i;
+            }
+        }
+        candidates[..=chosen].rotate_right(1);
+        Ok(())
     }
 
     /// Share of the squared errors, beyond noise, that one fit takes away from another's.

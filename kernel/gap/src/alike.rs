@@ -1,0 +1,84 @@
+//! Names that no data of some kind can tell apart, however well one of them fits: what follows from the equations alone.
+//!
+//! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it.
+//! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
+//!   constant, where gravity already acts.
+//! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine.
+//! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
+//!   weak by a share is a little more of all of it.
+
+use crate::choice::Choice;
+use crate::fit::Fit;
+use crate::search::Search;
+
+/// Range over which a sine is a line, rad.
+const SHORT: f64 = std::f64::consts::FRAC_PI_3;
+/// Share of the joint's typical force below which gravity does not move it.
+const NONE: f64 = 1e-3;
+
+/// What of a joint and its data decides.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Circumstances {
+    /// The model has no other.
+    pub alone: bool,
+    /// It turns.
+    pub turns: bool,
+    /// Range of its measured positions, rad or m.
+    pub range: f64,
+    /// Gravity moves it.
+    pub gravity: bool,
+    /// A command drives it.
+    pub commanded: bool,
+}
+
+/// Names that data of such a joint cannot tell from `name`, `scaled` if its own numbers hold a scale error.
+pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'static str] {
+    let short = at.turns && at.range < SHORT;
+    match name {
+        "transport_delay" if at.commanded => &["clock_skew"],
+        "clock_skew" if at.commanded => &["transport_delay"],
+        "joint_spring" if short => &["hinge_tilt"],
+        "hinge_tilt" if short && at.alone && at.gravity => &["joint_spring", "encoder_offset", "joint_axis_error"],
+        "hinge_tilt" if at.alone && at.gravity => &["encoder_offset", "joint_axis_error"],
+        "hinge_tilt" if short && at.alone => &["joint_spring", "joint_axis_error"],
+        "hinge_tilt" if short => &["joint_spring"],
+        "hinge_tilt" if at.alone => &["joint_axis_error"],
+        "encoder_offset" if at.alone && at.gravity && !scaled => &["hinge_tilt", "joint_axis_error"],
+        "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
+        "torque_bias" if short && at.gravity => &["hinge_tilt"],
+        "payload" if at.alone && !at.gravity && at.commanded => &["armature_inertia", "torque_gain"],
+        "armature_inertia" if at.alone && !at.gravity => &["payload", "torque_gain"],
+        "torque_gain" if at.alone && !at.gravity => &["armature_inertia", "payload"],
+        _ => &[],
+    }
+}
+
+impl Search<'_> {
+    /// Names that these data cannot tell from a chosen one's. `base` is the model without effects.
+    pub fn alike(&self, choice: &Choice, base: &Fit, fit: &Fit) -> &'static [&'static str] {
+        let Some(j) = choice.best.joint else { return &[] };
+        let model = &fit.hypothesis.model;
+        let joint = &model.joints[self.joints[j]];
+        let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
+        let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+        let at = Circumstances {
+            alone: self.names.len() == 1,
+            turns: joint.kind != sagci_model::JointKind::Prismatic,
+            range: high - low,
+            gravity: self.gravity(base, j) > NONE * self.typical_force()[j],
+            commanded: self.commanded[j],
+        };
+        let scaled = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
+            let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
+            matches!(f.knob, crate::hypothesis::Knob::Effect(_, "scale_error")) && x.abs() > 3.0 * deviation
+        });
+        alike(choice.best.effect, at, scaled)
+    }
+
+    /// Largest force of gravity on a joint along a fitted model's run, N m or N.
+    fn gravity(&self, fit: &Fit, j: usize) -> f64 {
+        let n = self.names.len();
+        let runs = self.runs(fit).unwrap_or_default();
+        runs.iter().flat_map(|r| r.load.iter().skip(j).step_by(n)).fold(0.0, |a, f| a.max(f.abs()))
+    }
+}
