@@ -69,22 +69,22 @@ impl Search<'_> {
             parameters.insert((*name).to_owned(), value);
         }
         let alike = |(name, joint, less): &&(&'static str, Option<usize>, f64)| {
-            *less < ALIKE && (*joint == choice.best.joint || *name != what.effect)
+            less.abs() < ALIKE && (*joint == choice.best.joint || *name != what.effect)
         };
         let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
         alternatives.extend(equivalent.iter().map(|n| (*n).to_owned()));
         alternatives.sort();
         alternatives.dedup();
-        let mut weights: Vec<f64> = choice.others.iter().map(|o| (-o.2).exp()).collect();
+        let mut weights: Vec<f64> = choice.others.iter().map(|o| if o.2 > -ALIKE { (-o.2).exp() } else { 0.0 }).collect();
         weights.push((-choice.gain).exp());
         weights.push((choice.nameless - choice.gain).min(50.0).exp());
         let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());
-        let runners_up = choice
-            .others
-            .iter()
-            .filter(|o| o.2 >= ALIKE)
-            .take(5)
-            .map(|o| Reason { name: o.0.into(), reason: format!("fits less well: evidence e^-{:.1} of the named effect's", o.2) });
+        let reason = |less: f64| match less > 0.0 {
+            true => format!("fits less well: evidence e^-{less:.1} of the named effect's"),
+            false => "has more numbers, and differs by less than any model is off by".to_owned(),
+        };
+        let lost = choice.others.iter().filter(|o| o.2.abs() >= ALIKE && !alternatives.iter().any(|a| a == o.0));
+        let runners_up: Vec<Reason> = lost.take(5).map(|o| Reason { name: o.0.into(), reason: reason(o.2) }).collect();
         NamedEffect {
             name: what.effect.clone(),
             alternatives,
@@ -100,7 +100,7 @@ impl Search<'_> {
                 explained: choice.explained,
                 held_out,
             },
-            runners_up: runners_up.collect(),
+            runners_up,
         }
     }
 }
