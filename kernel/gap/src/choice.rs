@@ -20,6 +20,8 @@ pub(crate) struct Choice {
     pub best: Candidate,
     /// Others: name, joint, evidence less than the best one's.
     pub others: Vec<(&'static str, Option<usize>, f64)>,
+    /// Itself and, behind it, what the data cannot tell from it, all fitted to the same data beside the same other effects.
+    pub alike: Vec<Candidate>,
     /// Evidence over the model without it, and that of a force without a name.
     pub gain: f64,
     pub nameless: f64,
@@ -30,7 +32,7 @@ pub(crate) struct Choice {
 impl Choice {
     pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
         let best = candidates[0].clone();
-        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless, explained };
+        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), alike: Vec::new(), nameless, explained };
         this.around(candidates, this.best.evidence, here);
         this
     }
@@ -39,6 +41,9 @@ impl Choice {
         self.gain = with - without;
         let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
         self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
+        let itself = candidates.iter().find(|c| !same(c)).unwrap_or(&self.best).clone();
+        let rivals = candidates.iter().filter(same).filter(|c| with - c.evidence < ALIKE && (c.joint == itself.joint || c.effect != itself.effect));
+        self.alike = std::iter::once(itself.clone()).chain(rivals.cloned()).collect();
     }
 }
 

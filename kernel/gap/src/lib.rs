@@ -1,10 +1,12 @@
 //! Finds where simulation and measurement disagree, names the missing effect, adds it to the model and shows the gap shrink.
 #![forbid(unsafe_code)]
 
+mod baselines;
 mod chart;
 mod choice;
 mod confirmed;
 mod error;
+mod experiment;
 mod find;
 mod fit;
 mod flexible;
@@ -17,8 +19,11 @@ mod page;
 mod plant;
 pub mod plots;
 mod predict;
+mod remainder;
 pub mod report;
 mod response;
+#[cfg(test)]
+mod rest_tests;
 #[cfg(test)]
 #[allow(clippy::panic)]
 mod round_trip;

@@ -83,19 +83,20 @@ impl Trajectory {
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
-        this.counted = this.tested();
+        let noises: Vec<f64> = (0..this.joints).map(|j| noise::of_positions(std::slice::from_ref(&this), j)).collect();
+        this.counted = this.tested(&noises);
         Ok(this)
     }
 
-    /// Which positions a model is tested by.
-    fn tested(&self) -> Vec<bool> {
+    /// Which positions a model is tested by, under noise of positions by joint.
+    pub fn tested(&self, noises: &[f64]) -> Vec<bool> {
         let (n, rows) = (self.joints, self.rows());
         let side = ((0.5 * REST / self.period()).round() as usize).max(3);
         let mut counted = vec![true; rows * n];
         let mut ends = self.starts[1..].to_vec();
         ends.push(rows);
         for j in 0..n {
-            let noise = noise::of_positions(std::slice::from_ref(self), j);
+            let noise = noises[j];
             for (start, end) in self.starts.iter().copied().zip(ends.iter().copied()) {
                 for k in start..end {
                     let around = k.saturating_sub(side).max(start)..(k + side + 1).min(end);
