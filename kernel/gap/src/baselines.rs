@@ -49,6 +49,8 @@ const TERMS: [(&str, &[f64], bool); 7] = [
 const THRESHOLDS: [f64; 6] = [0.003, 0.01, 0.02, 0.05, 0.1, 0.2];
 /// Ridge, as a share of a column's square: terms that a short range cannot tell apart share their force.
 const RIDGE: f64 = 1e-5;
+/// Passes. The first takes the terms along the motion of a model that lacks them, which lags behind the data; the next along one that has them.
+const PASSES: usize = 3;
 /// Joints that the regression looks at: the worst ones.
 const MOST: usize = 3;
 
@@ -138,19 +140,48 @@ struct Term {
 
 /// The model with what sparse regression finds.
 pub(crate) fn sparse_regression(search: &Search<'_>, refitted: &Fit, scale: f64) -> Result<Hypothesis, GapError> {
-    let runs = search.runs(refitted)?;
+    let worst = worst(search, refitted, scale)?;
+    let mut at = refitted.clone();
+    let mut coefficients = vec![[0.0; TERMS.len()]; search.names.len()];
+    for pass in 0..PASSES {
+        let Some(hypothesis) = regress(search, refitted, &at, &worst, &mut coefficients, scale)? else { break };
+        match Fit::start(&search.problem, hypothesis) {
+            Ok(next) => at = Fit { jacobian: refitted.jacobian.clone(), ..next },
+            Err(_) if pass > 0 => break,
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(at.hypothesis)
+}
+
+/// Joints that lack a force most.
+fn worst(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<usize>, GapError> {
+    let runs = search.runs(fit)?;
     let typical = search.typical_force();
-    let mut worst: Vec<(f64, usize, Response)> = (0..search.names.len())
-        .filter_map(|j| {
-            let response = Response::new(search, refitted, &runs, j, scale);
-            Some((flexible::nameless(&response, scale, typical[j])?.evidence, j, response))
-        })
-        .collect();
-    worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let evidence = |j: usize| Some(flexible::nameless(&Response::new(search, fit, &runs, j, scale), scale, typical[j])?.evidence);
+    let mut found: Vec<(f64, usize)> = (0..search.names.len()).filter_map(|j| Some((evidence(j)?, j))).collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(found.into_iter().take(MOST).map(|(_, j)| j).collect())
+}
+
+/// One pass: terms along the motion of the fit `at`, which has the coefficients that come in. None where nothing can be solved.
+fn regress(
+    search: &Search<'_>,
+    refitted: &Fit,
+    at: &Fit,
+    joints: &[usize],
+    coefficients: &mut [[f64; TERMS.len()]],
+    scale: f64,
+) -> Result<Option<Hypothesis>, GapError> {
+    let runs = search.runs(at)?;
+    let typical = search.typical_force();
+    // What the errors would be without the terms, as far as they act linearly.
+    let mut bare = at.clone();
     let mut terms = Vec::new();
-    for (_, joint, response) in worst.iter().take(MOST) {
+    for &joint in joints {
+        let response = Response::new(search, at, &runs, joint, scale);
         for (index, (effect, theta, _)) in TERMS.iter().enumerate() {
-            let has = |e: &sagci_model::EffectEntry| e.effect == *effect && e.joint.as_deref() == Some(search.names[*joint].as_str());
+            let has = |e: &sagci_model::EffectEntry| e.effect == *effect && e.joint.as_deref() == Some(search.names[joint].as_str());
             if refitted.hypothesis.model.document.effects.iter().any(has) {
                 continue;
             }
@@ -158,11 +189,12 @@ pub(crate) fn sparse_regression(search: &Search<'_>, refitted: &Fit, scale: f64)
             let size = (forces.iter().map(|f| f * f).sum::<f64>() / forces.len().max(1) as f64).sqrt();
             let column = response.errors_of(&forces);
             if column.norm_squared() > 0.0 {
-                terms.push(Term { joint: *joint, index, column, size });
+                bare.errors.axpy(-coefficients[joint][index], &column, 1.0);
+                terms.push(Term { joint, index, column, size });
             }
         }
     }
-    let system = System::new(refitted, &terms, scale);
+    let system = System::new(&bare, &terms, scale);
     let count = search.problem.measured() as f64;
     let mut best: Option<(f64, Vec<f64>)> = None;
     for threshold in THRESHOLDS {
@@ -173,31 +205,32 @@ pub(crate) fn sparse_regression(search: &Search<'_>, refitted: &Fit, scale: f64)
             best = Some((criterion, solved));
         }
     }
-    let Some((_, solved)) = best else { return Ok(refitted.hypothesis.clone()) };
-    let (moved, coefficients) = solved.split_at(system.known);
+    let Some((_, solved)) = best else { return Ok(None) };
+    let (moved, found) = solved.split_at(system.known);
     let mut hypothesis = refitted.hypothesis.clone();
-    for ((x, fitted), d) in hypothesis.x.iter_mut().zip(&hypothesis.fitted).zip(moved) {
-        *x = (*x + d).clamp(fitted.bounds[0], fitted.bounds[1]);
+    for (i, (x, fitted)) in hypothesis.x.iter_mut().zip(&hypothesis.fitted).enumerate() {
+        *x = (at.hypothesis.x[i] + moved[i]).clamp(fitted.bounds[0], fitted.bounds[1]);
     }
-    for joint in 0..search.names.len() {
-        let of = |index: usize| terms.iter().zip(coefficients).find(|(t, _)| (t.joint, t.index) == (joint, index)).map_or(0.0, |(_, c)| *c);
-        let name = Some(search.names[joint].as_str());
-        let [sine, cosine] = [of(2), of(3)];
-        let entries: [(&str, Vec<f64>, bool); 6] = [
-            ("torque_bias", vec![of(0)], of(0) != 0.0),
-            ("joint_spring", vec![of(1), 0.0], of(1) != 0.0),
-            ("hinge_tilt", vec![sine.hypot(cosine), cosine.atan2(sine)], sine != 0.0 || cosine != 0.0),
-            ("viscous_friction", vec![of(4)], of(4) != 0.0),
-            ("quadratic_drag", vec![of(5)], of(5) != 0.0),
-            ("coulomb_friction", vec![of(6)], of(6) != 0.0),
+    coefficients.fill([0.0; TERMS.len()]);
+    for (term, coefficient) in terms.iter().zip(found) {
+        coefficients[term.joint][term.index] = *coefficient;
+    }
+    for (name, found) in search.names.iter().zip(coefficients.iter()) {
+        let [bias, stiffness, sine, cosine, damping, drag, friction] = *found;
+        let tilt = sine.hypot(cosine);
+        let entries = [
+            ("torque_bias", bias, vec![bias]),
+            ("joint_spring", stiffness, vec![stiffness, 0.0]),
+            ("hinge_tilt", tilt, vec![tilt, cosine.atan2(sine)]),
+            ("viscous_friction", damping, vec![damping]),
+            ("quadratic_drag", drag, vec![drag]),
+            ("coulomb_friction", friction, vec![friction]),
         ];
-        for (effect, values, there) in entries {
-            if there {
-                hypothesis = hypothesis.with(effect, name, &values)?;
-            }
+        for (effect, _, values) in entries.into_iter().filter(|(_, size, _)| *size != 0.0) {
+            hypothesis = hypothesis.with(effect, Some(name), &values)?;
         }
     }
-    Ok(hypothesis)
+    Ok(Some(hypothesis))
 }
 
 /// Normal equations of the known numbers' changes and, behind them, the terms' coefficients.

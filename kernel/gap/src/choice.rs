@@ -42,7 +42,8 @@ impl Choice {
         let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
         self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
         let itself = candidates.iter().find(|c| !same(c)).unwrap_or(&self.best).clone();
-        let rivals = candidates.iter().filter(same).filter(|c| with - c.evidence < ALIKE && (c.joint == itself.joint || c.effect != itself.effect));
+        let rivals =
+            candidates.iter().filter(same).filter(|c| with - c.evidence < ALIKE && (c.joint == itself.joint || c.effect != itself.effect));
         self.alike = std::iter::once(itself.clone()).chain(rivals.cloned()).collect();
     }
 }

@@ -136,7 +136,8 @@ pub(crate) fn menu(room: &Room) -> Vec<Planned> {
         let (amplitude, w) = (share * most, TAU * frequency);
         ladder = ladder.along(2.0 / frequency, &|t| [middle + amplitude * (w * t).sin(), amplitude * w * (w * t).cos()]);
     }
-    let numbers = [("middle", middle), ("first_amplitude", 0.002 * most), ("last_amplitude", most), ("frequency", frequency), ("cycles", 2.0)];
+    let numbers =
+        [("middle", middle), ("first_amplitude", 0.002 * most), ("last_amplitude", most), ("frequency", frequency), ("cycles", 2.0)];
     push("amplitude_ladder", &numbers, ladder);
 
     let decay = |drawn: Drawn, to: f64| drawn.go(to, 0.5 * speed).hold(0.7).gained(0.0).hold(4.0).gained(1.0);
@@ -151,7 +152,8 @@ pub(crate) fn menu(room: &Room) -> Vec<Planned> {
         let (amplitude, phase) = (amplitude.min(speed / w), TAU * first * ((rate * t).exp() - 1.0) / rate);
         [middle + amplitude * phase.sin(), amplitude * w * phase.cos()]
     };
-    let numbers = [("middle", middle), ("amplitude", amplitude), ("first_frequency", first), ("last_frequency", last), ("seconds", seconds)];
+    let numbers =
+        [("middle", middle), ("amplitude", amplitude), ("first_frequency", first), ("last_frequency", last), ("seconds", seconds)];
     push("chirp", &numbers, start(middle).along(seconds, &chirp));
 
     let (up, down) = (middle + 0.2 * span, middle - 0.2 * span);
@@ -178,7 +180,10 @@ fn outside(names: &[&str]) -> Option<(&'static str, &'static str)> {
         return Some(("change_payload", "move the same way again with a known mass on the last link: its weight is a force that is known"));
     }
     if among(&["hinge_tilt", "joint_axis_error"]) > 0 {
-        return Some(("tilt_again", "tilt the base by a known angle and move the same way again: gravity's share turns with it, the rest does not"));
+        return Some((
+            "tilt_again",
+            "tilt the base by a known angle and move the same way again: gravity's share turns with it, the rest does not",
+        ));
     }
     (among(&["encoder_offset", "sensor_drift"]) > 0)
         .then_some(("outside_reference", "measure the joint's position by something else as well, at rest at both ends"))
@@ -213,7 +218,12 @@ pub(crate) struct Question<'a> {
 pub(crate) fn question<'a>(search: &Search<'_>, chosen: &'a [Choice], current: &'a Fit, confirmed: &[bool]) -> Option<Question<'a>> {
     if let Some(open) = chosen.iter().find(|c| c.alike.len() > 1) {
         let rivals = open.alike[1..].iter().map(|c| (c.effect, c.fit.clone())).collect();
-        return Some(Question { joint: open.best.joint.unwrap_or(0), named: (open.best.effect, &open.alike[0].fit), rivals, confirms: false });
+        return Some(Question {
+            joint: open.best.joint.unwrap_or(0),
+            named: (open.best.effect, &open.alike[0].fit),
+            rivals,
+            confirms: false,
+        });
     }
     let at = confirmed.iter().position(|c| !c)?;
     let (choice, entry) = (chosen.get(at)?, *entries(&current.hypothesis).get(at)?);
@@ -235,7 +245,9 @@ pub(crate) fn propose(search: &Search<'_>, question: &Question<'_>, scale: f64) 
     let names: Vec<&str> = std::iter::once(question.named.0).chain(question.rivals.iter().map(|r| r.0)).collect();
     let joint = search.names[question.joint].clone();
     let all = || names.iter().filter(|n| !n.is_empty()).map(|n| (*n).to_owned()).collect::<Vec<_>>();
-    let never = NO_MOTION.iter().any(|pair| names[0] == pair[0] && names[1..].contains(&pair[1]) || names[0] == pair[1] && names[1..].contains(&pair[0]));
+    let never = NO_MOTION
+        .iter()
+        .any(|pair| names[0] == pair[0] && names[1..].contains(&pair[1]) || names[0] == pair[1] && names[1..].contains(&pair[0]));
     if let Some((name, reason)) = outside(&names).filter(|_| never) {
         return Some(plain(name, joint, all(), reason));
     }
@@ -285,7 +297,11 @@ pub(crate) fn propose_for_nameless(search: &Search<'_>, model: &ObjectModel, lef
         joint: left.joint.clone(),
         separates: Vec::new(),
         expected_log_bayes_factor: None,
-        reason: format!("{}; what is left without a name depends on {}, and shows there at its plainest", words(name, &numbers, false), left.over),
+        reason: format!(
+            "{}; what is left without a name depends on {}, and shows there at its plainest",
+            words(name, &numbers, false),
+            left.over
+        ),
         reference: Reference { kind: name.into(), numbers },
         command: String::new(),
     })
@@ -317,10 +333,20 @@ fn words(name: &str, numbers: &BTreeMap<String, f64>, confirms: bool) -> String 
             x("slow_speed")
         ),
         "amplitude_ladder" => {
-            format!("swing about {:.3} in sines that grow from {:.5} to {:.3}, two cycles each", x("middle"), x("first_amplitude"), x("last_amplitude"))
+            format!(
+                "swing about {:.3} in sines that grow from {:.5} to {:.3}, two cycles each",
+                x("middle"),
+                x("first_amplitude"),
+                x("last_amplitude")
+            )
         }
         "free_decay" => format!("lead it to {:.3} and let go for {} s, then the same from {:.3}", x("first"), x("seconds"), x("second")),
-        "chirp" => format!("swing about {:.3} with a frequency that rises from {:.1} to {:.0} Hz", x("middle"), x("first_frequency"), x("last_frequency")),
+        "chirp" => format!(
+            "swing about {:.3} with a frequency that rises from {:.1} to {:.0} Hz",
+            x("middle"),
+            x("first_frequency"),
+            x("last_frequency")
+        ),
         "steps" => format!("step between {:.3} and {:.3}, {} s each", x("low"), x("high"), x("dwell")),
         "dwell_then_open" => format!("rest at {:.3} for 1 s, open and shut, rest for 10 s, and open again", x("position")),
         _ => format!("step between {:.3} and {:.3} with a hand half as stiff as usual, then twice as stiff", x("low"), x("high")),
@@ -408,7 +434,13 @@ fn kept(search: &Search<'_>) -> Vec<bool> {
 }
 
 /// The named model under the hand: what would be recorded, but for noise.
-fn perform(search: &Search<'_>, (model, plant): (&ObjectModel, &Plant), joint: usize, room: &Room, path: &Path) -> Result<Trajectory, GapError> {
+fn perform(
+    search: &Search<'_>,
+    (model, plant): (&ObjectModel, &Plant),
+    joint: usize,
+    room: &Room,
+    path: &Path,
+) -> Result<Trajectory, GapError> {
     let (n, rows) = (search.names.len(), path.len());
     let middle = noise::middle(search.problem.trajectories, n);
     let source = search.problem.trajectories.first();
@@ -434,12 +466,12 @@ fn perform(search: &Search<'_>, (model, plant): (&ObjectModel, &Plant), joint: u
     motion.state.q.copy_from_slice(&middle);
     motion.state.q[joint] = path[0][0];
     motion.state.z.fill(0.0);
-    for k in 0..rows {
+    for (k, way) in path.iter().enumerate() {
         motion.state.time = made.time[k];
         for j in 0..n {
             let i = k * n + j;
             made.position[i] = plant.reading(&motion, j);
-            let [target, along, gain] = if j == joint { path[k] } else { [middle[j], 0.0, 1.0] };
+            let [target, along, gain] = if j == joint { *way } else { [middle[j], 0.0, 1.0] };
             let (inertia, most) = (search.inertias[j], rooms[j].effort);
             // Stiff enough to use what it has within its slack, and no stiffer than its own clock bears.
             let span = (rooms[j].range[1] - rooms[j].range[0]).max(1e-9);

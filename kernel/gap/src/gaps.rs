@@ -51,7 +51,7 @@ impl<'a> Measure<'a> {
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
         let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
         let smoothed = Smoothed::new(&made(crate::search::STEP)?, self.data, &self.noise)?;
-        Ok(smoothed.figures(&made(FINE)?, self.data, self.window, &self.ranges).pooled)
+        Ok(smoothed.pooled(&made(FINE)?, self.data, self.window, &self.ranges))
     }
 }
 

@@ -429,7 +429,11 @@ fn left(out: &mut String, report: &Report) {
     }
     if !report.baselines.is_empty() {
         out.push_str("<h3>Other ways, on the same data</h3><p>Pooled gap, in shares of the joints' ranges.</p><table>");
-        put!(out, "<tr><td>this report</td><td class=\"n\">{}</td></tr>", percent(report.gap.held_out.as_ref().unwrap_or(&report.gap.train).after));
+        put!(
+            out,
+            "<tr><td>this report</td><td class=\"n\">{}</td></tr>",
+            percent(report.gap.held_out.as_ref().unwrap_or(&report.gap.train).after)
+        );
         for (name, value) in &report.baselines {
             put!(out, "<tr><td>{}</td><td class=\"n\">{}</td></tr>", term(name), percent(*value));
         }
@@ -465,7 +469,8 @@ fn experiment(out: &mut String, next: &Experiment) {
         _ if !purpose.is_empty() => put!(out, "<p>{purpose}.</p>"),
         _ => {}
     }
-    let numbers: Vec<String> = next.reference.numbers.iter().map(|(n, x)| format!("{} = {}", escape(&n.replace('_', " ")), number(*x))).collect();
+    let numbers: Vec<String> =
+        next.reference.numbers.iter().map(|(n, x)| format!("{} = {}", escape(&n.replace('_', " ")), number(*x))).collect();
     if !numbers.is_empty() {
         put!(out, "<p class=\"faint\">{} (SI units)</p>", numbers.join(", "));
     }

@@ -1,7 +1,7 @@
 //! What names leave over, as a small network: a force by position, velocity and input of each joint that lacks one.
 //!
-//! It is not trained by runs of the simulator. A force acts on the prediction errors `e` through the filter's own linear response `D`
-//! (see `response.rs`), so that its weights `w` are the solution of a least-squares problem that needs no further run,
+//! It is not trained through the simulator. A force acts on the prediction errors `e` through the filter's own linear response `D`
+//! (see `response.rs`), so that its weights `w` solve a least-squares problem that needs no run but the one that it is linear about,
 //!
 //! ```text
 //! minimise  1/2 |e - D f(w)|^2 / s^2  +  1/2 |w|^2 / a^2
@@ -21,9 +21,10 @@ use crate::GapError;
 use crate::fit::Fit;
 use crate::flexible;
 use crate::gaps::Measure;
+use crate::observer::{self, Run};
 use crate::report::Remainder;
 use crate::response::Response;
-use crate::search::Search;
+use crate::search::{STEP, Search};
 
 /// Width of the one inner layer, for each joint.
 const HIDDEN: usize = 8;
@@ -31,9 +32,13 @@ const HIDDEN: usize = 8;
 const MOST: usize = 3;
 /// Standard deviation of a weight before anything is measured; steps at a reversal need large ones.
 const WEIGHT: f64 = 5.0;
-const ROUNDS: usize = 40;
-/// Fall of the cost below which the training ends.
-const ENOUGH: f64 = 0.05;
+/// Slope of a unit that begins as a sign, over a typical velocity.
+const STEEP: f64 = 20.0;
+/// Rounds of a training, and trainings, each along the motion that the one before leads to: the response is linear about that.
+const ROUNDS: usize = 20;
+const PASSES: usize = 3;
+/// Fall of the cost below which a training ends, and the same as a share of the cost.
+const ENOUGH: [f64; 2] = [0.05, 2e-4];
 /// Share of the held-out gap that a learned force must take away to be kept.
 const WORTH: f64 = 0.1;
 
@@ -41,14 +46,12 @@ const WORTH: f64 = 0.1;
 struct Learned {
     joint: usize,
     network: Network,
-    /// Logarithm of the evidence of a force without a name there.
-    evidence: f64,
 }
 
 /// The most likely learned force on top of a fitted model; none where no force shows.
 pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Result<Option<Residual>, GapError> {
-    let runs = search.runs(fit)?;
     let typical = search.typical_force();
+    let (mut errors, mut runs) = follow(search, fit, None)?;
     let mut wanting: Vec<(usize, Response, flexible::Nameless)> = (0..search.names.len())
         .filter_map(|j| {
             let response = Response::new(search, fit, &runs, j, scale);
@@ -58,16 +61,42 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
         .collect();
     wanting.sort_by(|a, b| b.2.evidence.total_cmp(&a.2.evidence));
     wanting.truncate(MOST);
-    let mut errors = fit.errors.clone();
-    let mut learned: Vec<Learned> = Vec::new();
-    for (joint, response, nameless) in &wanting {
-        let kind = search.kind(fit, *joint);
-        let (network, after) = train(response, kind, &errors, nameless.force, scale, seed)?;
-        errors = after;
-        learned.push(Learned { joint: *joint, network, evidence: nameless.evidence });
+    let mut learned: Vec<Learned> = wanting
+        .into_iter()
+        .map(|(joint, response, nameless)| Ok(Learned { joint, network: fresh(&response, search.kind(fit, joint), nameless.force, seed)? }))
+        .collect::<Result<_, GapError>>()?;
+    let mut best: Option<Residual> = None;
+    for _ in 0..PASSES {
+        let before = errors.norm_squared();
+        for one in &mut learned {
+            let response = Response::new(search, fit, &runs, one.joint, scale);
+            errors = train(&response, search.kind(fit, one.joint), &errors, &mut one.network, scale)?;
+        }
+        if learned.is_empty() {
+            break;
+        }
+        let tried = joined(search, fit, &learned, seed)?;
+        let Ok((after, along)) = follow(search, fit, Some(&tried)) else { break };
+        // What the linear response promises the simulator need not keep.
+        if after.norm_squared() >= before {
+            break;
+        }
+        (errors, runs, best) = (after, along, Some(tried));
     }
-    learned.retain(|l| l.evidence.is_finite());
-    if learned.is_empty() { Ok(None) } else { Ok(Some(joined(search, fit, &learned, seed)?)) }
+    Ok(best)
+}
+
+/// Prediction errors of a fitted model with a learned force, and its runs.
+fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>) -> Result<(DVector<f64>, Vec<Run>), GapError> {
+    let problem = &search.problem;
+    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &problem.limits, STEP)?.with_residual(residual)?;
+    let (mut motion, mut errors, mut runs) = (plant.motion(), Vec::new(), Vec::new());
+    for (trajectory, gains) in problem.trajectories.iter().zip(problem.gains(&plant)) {
+        let mut run = Run::default();
+        observer::run(&plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+        runs.push(Run { gains, ..run });
+    }
+    Ok((DVector::from_vec(errors), runs))
 }
 
 impl Search<'_> {
@@ -84,15 +113,8 @@ fn inputs(kind: JointKind, [q, v, u]: [f64; 3]) -> Vec<f64> {
     }
 }
 
-/// Fits one network. `size` is the force's. Returns it with the errors that it leaves.
-fn train(
-    response: &Response,
-    kind: JointKind,
-    errors: &DVector<f64>,
-    size: f64,
-    scale: f64,
-    seed: u64,
-) -> Result<(Network, DVector<f64>), GapError> {
+/// A network that says nothing yet, for a force of a size.
+fn fresh(response: &Response, kind: JointKind, size: f64, seed: u64) -> Result<Network, GapError> {
     let rows: Vec<Vec<f64>> = response.along().map(|row| inputs(kind, row)).collect();
     let count = rows.first().map_or(0, Vec::len);
     let mut network = Network::new(&[count, HIDDEN, 1], Activation::Tanh, seed)?;
@@ -101,36 +123,51 @@ fn train(
     // What never changes says nothing, and is not blown up.
     let input_scale = (0..count).map(|i| if spread(i) > 1e-9 { spread(i) } else { 1.0 }).collect();
     network.set_normalisation(Normalisation { input_mean: mean.clone(), input_scale, output_scale: vec![size.max(1e-12)] })?;
-    // The acceleration's weights are pinned at zero.
     let mut weights = network.weights().to_vec();
-    let pinned: Vec<usize> = (0..HIDDEN).map(|i| i * count + count - 1).collect();
-    for i in &pinned {
-        weights[*i] = 0.0;
+    for i in pinned(count) {
+        weights[i] = 0.0;
     }
+    // Forces that step at a reversal are the commonest, and a smooth start finds them late: one unit begins as the velocity's sign.
+    let velocity = count - 3;
+    weights[..count].fill(0.0);
+    weights[velocity] = STEEP;
+    weights[HIDDEN * count] = STEEP * mean[velocity] / network.normalisation().input_scale[velocity];
     network.set_weights(&weights)?;
-    let free: Vec<usize> = (0..weights.len()).filter(|i| !pinned.contains(i)).collect();
+    Ok(network)
+}
 
+/// Weights of the acceleration, which stay at zero.
+fn pinned(inputs: usize) -> impl Iterator<Item = usize> {
+    (0..HIDDEN).map(move |i| i * inputs + inputs - 1)
+}
+
+/// Fits one network. `errors` are those with its force as it stands; what comes back are those that are left by the linear response.
+fn train(response: &Response, kind: JointKind, errors: &DVector<f64>, network: &mut Network, scale: f64) -> Result<DVector<f64>, GapError> {
+    let rows: Vec<Vec<f64>> = response.along().map(|row| inputs(kind, row)).collect();
+    let mut weights = network.weights().to_vec();
+    let kept: Vec<usize> = pinned(network.inputs()).collect();
+    let free: Vec<usize> = (0..weights.len()).filter(|i| !kept.contains(i)).collect();
     let mut ws = network.workspace();
-    let mut left = |network: &Network| {
+    // A residual drives; the catalogue's forces resist.
+    let mut resisting = |network: &Network| -> Vec<f64> {
         let mut y = [0.0];
-        // A residual drives; the catalogue's forces resist.
-        let forces: Vec<f64> = rows
-            .iter()
-            .map(|x| {
-                network.forward(&mut ws, x, &mut y);
-                -y[0]
-            })
-            .collect();
-        errors + response.errors_of(&forces)
+        let force = |x: &Vec<f64>| {
+            network.forward(&mut ws, x, &mut y);
+            -y[0]
+        };
+        rows.iter().map(force).collect()
     };
+    let bare = errors - response.errors_of(&resisting(network));
+    let mut left = |network: &Network| &bare + response.errors_of(&resisting(network));
     let weight = 1.0 / (scale * scale);
     let prior = 1.0 / (WEIGHT * WEIGHT);
     let cost = |e: &DVector<f64>, w: &[f64]| 0.5 * weight * e.norm_squared() + 0.5 * prior * w.iter().map(|x| x * x).sum::<f64>();
-    let mut now = left(&network);
+    let mut now = left(network);
     let mut damping = 1e-2;
     for _ in 0..ROUNDS {
-        let columns = slopes(&network, &rows, &free, response);
-        let mut matrix = weight * columns.tr_mul(&columns);
+        let columns = slopes(network, &rows, &free, response);
+        // A product of matrices is much faster than one of dots, column by column.
+        let mut matrix = weight * (columns.transpose() * &columns);
         let right = -weight * columns.tr_mul(&now) - prior * DVector::from_iterator(free.len(), free.iter().map(|i| weights[*i]));
         for i in 0..free.len() {
             matrix[(i, i)] += prior;
@@ -149,7 +186,7 @@ fn train(
                 tried[*i] += d;
             }
             network.set_weights(&tried)?;
-            let e = left(&network);
+            let e = left(network);
             let after = cost(&e, &tried);
             if after < before {
                 (weights, now, fall) = (tried, e, before - after);
@@ -158,12 +195,12 @@ fn train(
             }
             damping = (damping * 10.0).max(1e-4);
         }
-        if fall < ENOUGH {
+        if fall < ENOUGH[0].max(ENOUGH[1] * before) {
             break;
         }
     }
     network.set_weights(&weights)?;
-    Ok((network, now))
+    Ok(now)
 }
 
 /// Derivatives of the errors by the free weights.

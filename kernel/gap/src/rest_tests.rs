@@ -46,7 +46,7 @@ fn sparse_regression_finds_two_frictions_and_little_else() {
     let right = Hypothesis::known(&truth, &search.joints);
     let gap = |h: &Hypothesis| measure.pooled(h, None).unwrap();
     let (without, sparse, named) = (gap(&refitted.hypothesis), gap(&sparse), gap(&right));
-    assert!(sparse < 0.2 * without && sparse < 3.0 * named, "{without} {sparse} {named}");
+    assert!(sparse < 0.02 * without && sparse < 6.0 * named, "{without} {sparse} {named}");
 }
 
 /// The free refit may have friction where there was none.
@@ -152,7 +152,6 @@ fn a_report_holds_other_ways_and_says_how_to_go_on() {
     let plain = find(&model, &train, &unseen, &Options { baselines: false, ..Options::default() }).unwrap().report;
     assert!(plain.baselines.is_empty());
     let report = find(&model, &train, &unseen, &Options::default()).unwrap().report;
-    println!("{:.2} s and {:.2} s; {:?} {:?} {:?}", plain.seconds, report.seconds, report.baselines, report.residual, report.next_experiment);
     let after = report.gap.held_out.as_ref().unwrap().after;
     assert_eq!(report.baselines.len(), 4);
     assert!(report.baselines["no_model_change"] > 3.0 * after && report.baselines["learned_residual"] > 0.9 * after, "{report:?}");

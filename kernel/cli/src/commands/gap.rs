@@ -199,7 +199,8 @@ fn text(report: &Report) -> String {
     }
     text += &table(&rows);
     if let Some(tried) = report.residual.filter(|r| r.kept) {
-        text += &format!("\na learned force on what is left takes the held-out gap from {:.5} to {:.5}: kept\n", tried.gap[0], tried.gap[1]);
+        text +=
+            &format!("\na learned force on what is left takes the held-out gap from {:.5} to {:.5}: kept\n", tried.gap[0], tried.gap[1]);
     }
     if !report.baselines.is_empty() {
         text += "\nother ways, pooled over joints in shares of their ranges\n";
