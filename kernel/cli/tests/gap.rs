@@ -150,6 +150,7 @@ fn the_answer_of_a_real_recording_has_every_field_that_its_format_promises() {
             "gap",
             "unexplained",
             "rejected",
+            "residual",
             "next_experiment",
             "baselines",
             "model",

@@ -20,6 +20,10 @@ pub(crate) struct Choice {
     pub best: Candidate,
     /// Others: name, joint, evidence less than the best one's.
     pub others: Vec<(&'static str, Option<usize>, f64)>,
+    /// Itself and, behind it, what the data cannot tell from it, all fitted to the same data beside the same other effects.
+    pub alike: Vec<Candidate>,
+    /// Names that no data of this kind tell from it.
+    pub equivalent: &'static [&'static str],
     /// Evidence over the model without it, and that of a force without a name.
     pub gain: f64,
     pub nameless: f64,
@@ -30,7 +34,8 @@ pub(crate) struct Choice {
 impl Choice {
     pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
         let best = candidates[0].clone();
-        let mut this = Self { gain: best.evidence - here, best, others: Vec::new(), nameless, explained };
+        let mut this =
+            Self { gain: best.evidence - here, best, others: Vec::new(), alike: Vec::new(), equivalent: &[], nameless, explained };
         this.around(candidates, this.best.evidence, here);
         this
     }
@@ -39,6 +44,12 @@ impl Choice {
         self.gain = with - without;
         let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
         self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
+        let itself = candidates.iter().find(|c| !same(c)).unwrap_or(&self.best).clone();
+        let rivals = candidates
+            .iter()
+            .filter(same)
+            .filter(|c| (with - c.evidence).abs() < ALIKE && (c.joint == itself.joint || c.effect != itself.effect));
+        self.alike = std::iter::once(itself.clone()).chain(rivals.cloned()).collect();
     }
 }
 
@@ -48,7 +59,7 @@ impl Search<'_> {
         &self,
         fit: &Fit,
         entry: usize,
-        (choice, equivalent): (&Choice, &[&str]),
+        choice: &Choice,
         covariance: Option<&nalgebra::DMatrix<f64>>,
         held_out: Option<f64>,
         agrees: bool,
@@ -72,7 +83,7 @@ impl Search<'_> {
             less.abs() < ALIKE && (*joint == choice.best.joint || *name != what.effect)
         };
         let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
-        alternatives.extend(equivalent.iter().map(|n| (*n).to_owned()));
+        alternatives.extend(choice.equivalent.iter().map(|n| (*n).to_owned()));
         alternatives.sort();
         alternatives.dedup();
         let mut weights: Vec<f64> = choice.others.iter().map(|o| if o.2 > -ALIKE { (-o.2).exp() } else { 0.0 }).collect();

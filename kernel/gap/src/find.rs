@@ -4,15 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use sagci_dynamics::residual::Residual;
 use sagci_model::{Evidence, ObjectModel};
 use sagci_recording::Log;
 
 use crate::GapError;
+use crate::baselines::baselines;
 use crate::choice::Choice;
+use crate::experiment;
 use crate::fit::Fit;
-use crate::gaps::gaps;
+use crate::gaps::{Measure, gaps};
 use crate::map;
 use crate::plots::{self, PlotData};
+use crate::remainder::remainder as learned_remainder;
 use crate::report::{Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Candidate, FLOOR, Search, entries};
 use crate::trajectory::Trajectory;
@@ -25,13 +29,15 @@ pub struct Options<'a> {
     pub window: f64,
     /// Seed of every random choice.
     pub seed: u64,
+    /// Reckons what other ways make of the same data, for comparison.
+    pub baselines: bool,
     /// Hears what is being done.
     pub progress: Option<&'a (dyn Fn(&str) + Sync)>,
 }
 
 impl Default for Options<'_> {
     fn default() -> Self {
-        Self { window: 1.0, seed: 1, progress: None }
+        Self { window: 1.0, seed: 1, baselines: true, progress: None }
     }
 }
 
@@ -48,6 +54,8 @@ pub struct Found {
     pub report: Report,
     /// The model, its known numbers refitted, with the effects as entries of its document.
     pub model: ObjectModel,
+    /// A learned force for what is left, where it was kept.
+    pub residual: Option<Residual>,
     /// What the report's page draws.
     pub figures: PlotData,
 }
@@ -204,6 +212,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     if let (Some(left), Some((joint, all))) = (&remainder, nameless)
         && !chosen.is_empty()
         && left.1.evidence > 2.0 * CONVINCING
+        && left.1.force > MATERIAL * search.typical_force()[left.0]
         && all.evidence > search.evidence(&current, scale) - search.evidence(&refitted, scale)
     {
         for gone in chosen.drain(..) {
@@ -218,11 +227,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let lacking: f64 = search.explained_force(&current, &refitted)?;
     let mut effects_found = Vec::new();
     let final_entries = entries(&current.hypothesis);
-    for (i, choice) in chosen.iter().enumerate() {
+    for (i, choice) in chosen.iter_mut().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
+        choice.equivalent = search.alike(choice, &refitted, &current);
         let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.fall > SEEN));
-        let equivalent = search.alike(choice, &refitted, &current);
-        effects_found.push(search.describe(&current, entry, (choice, equivalent), covariance.as_ref(), held_out, agrees));
+        effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
     }
 
     say("predicting over windows");
@@ -250,6 +259,27 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 
     let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
     let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
+    let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
+    let measure = Measure::new(&search, model, &trajectories, &unseen, options.window);
+    let (mut residual, mut learned) = (None, None);
+    if !unseen.is_empty() {
+        say("trying a learned force on what is left");
+        let (tried, kept) = learned_remainder(&search, &measure, &current, scale, [shown.after, shown.noise_floor], options.seed)?;
+        (residual, learned) = (Some(tried), kept);
+    }
+    let others = if options.baselines {
+        say("comparing with other ways");
+        baselines(&search, &measure, &refitted, shown.before, scale, options.seed)
+    } else {
+        BTreeMap::new()
+    };
+    say("choosing the next experiment");
+    let agreed: Vec<bool> = effects_found.iter().map(|e| e.confirmed).collect();
+    let next = match &unexplained {
+        Some(left) => experiment::propose_for_nameless(&search, model, left),
+        None => experiment::question(&search, &chosen, &current, &agreed).and_then(|q| experiment::propose(&search, &q, scale)),
+    };
+    let next_experiment = next.map(|e| e.told_to(&model.name, &train, &held_out));
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);
     for (effect, entry) in effects_found.iter().zip(&final_entries) {
         found.document.effects[*entry].evidence = Some(Evidence {
@@ -276,13 +306,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         gap,
         unexplained,
         rejected,
-        next_experiment: None,
-        baselines: BTreeMap::new(),
+        residual,
+        next_experiment,
+        baselines: others,
         model: String::new(),
         notes,
         seconds: clock.elapsed().as_secs_f64(),
     };
-    Ok(Found { report, model: found, figures })
+    Ok(Found { report, model: found, residual: learned, figures })
 }
 
 fn best_three(candidates: &[Candidate], here: f64) -> String {

@@ -1,6 +1,7 @@
 //! The figures of the gap, for the model as given, refitted and with its effects, beside what noise alone makes of them.
 
 use rayon::prelude::*;
+use sagci_dynamics::residual::Residual;
 use sagci_model::{JointKind, ObjectModel};
 
 use crate::GapError;
@@ -8,6 +9,7 @@ use crate::find::Options;
 use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
+use crate::observer::Noise;
 use crate::plots::{self, Predicted};
 use crate::report::{Gap, Gaps, JointGap};
 use crate::search::{FLOOR, Search};
@@ -16,6 +18,42 @@ use crate::windows::{Figures, Smoothed};
 
 /// Longest step of the last fits and of predictions, s.
 pub(crate) const FINE: f64 = 1e-3;
+
+/// What the figures of each joint are divided by: its range between limits, or that of the data where it has none.
+fn ranges(search: &Search<'_>, model: &ObjectModel, train: &[Trajectory], unseen: &[Trajectory]) -> Vec<f64> {
+    (0..search.names.len())
+        .map(|j| {
+            let limits = &model.joints[search.joints[j]].limits;
+            let seen = train.iter().chain(unseen).flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
+            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+            if limits.range().is_finite() { limits.range() } else { (high - low).max(1e-6) }
+        })
+        .collect()
+}
+
+/// The pooled gap of any model, by the procedure of the report's own figures: on held-out data where there are some.
+pub(crate) struct Measure<'a> {
+    data: &'a [Trajectory],
+    noise: Noise,
+    ranges: Vec<f64>,
+    window: f64,
+    limits: &'a [bool],
+}
+
+impl<'a> Measure<'a> {
+    pub fn new(search: &'a Search<'_>, model: &ObjectModel, train: &'a [Trajectory], unseen: &'a [Trajectory], window: f64) -> Self {
+        let data = if unseen.is_empty() { train } else { unseen };
+        let noise = noise::of_motion(data, search.names.len(), FLOOR);
+        Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits }
+    }
+
+    /// Of a hypothesis where it stands, with a learned force besides.
+    pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
+        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
+        let smoothed = Smoothed::new(&made(crate::search::STEP)?, self.data, &self.noise)?;
+        Ok(smoothed.pooled(&made(FINE)?, self.data, self.window, &self.ranges))
+    }
+}
 
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn gaps(
@@ -29,14 +67,7 @@ pub(crate) fn gaps(
     options: &Options<'_>,
 ) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
     let n = search.names.len();
-    let ranges: Vec<f64> = (0..n)
-        .map(|j| {
-            let limits = &model.joints[search.joints[j]].limits;
-            let seen = train.iter().chain(unseen).flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
-            if limits.range().is_finite() { limits.range() } else { (high - low).max(1e-6) }
-        })
-        .collect();
+    let ranges = ranges(search, model, train, unseen);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
     let limits = &search.problem.limits;
     let made = |step: f64| -> Result<[crate::plant::Plant; 3], GapError> {

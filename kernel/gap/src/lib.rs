@@ -2,10 +2,12 @@
 #![forbid(unsafe_code)]
 
 mod alike;
+mod baselines;
 mod chart;
 mod choice;
 mod confirmed;
 mod error;
+mod experiment;
 mod find;
 mod fit;
 mod flexible;
@@ -18,8 +20,11 @@ mod page;
 mod plant;
 pub mod plots;
 mod predict;
+mod remainder;
 pub mod report;
 mod response;
+#[cfg(test)]
+mod rest_tests;
 #[cfg(test)]
 #[allow(clippy::panic)]
 mod round_trip;

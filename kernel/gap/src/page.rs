@@ -10,7 +10,7 @@ use sagci_dynamics::effects;
 use crate::Found;
 use crate::chart::{Chart, escape, number, wider};
 use crate::plots::{JointPlot, PlotData, WindowPlot};
-use crate::report::{Gap, NamedEffect, Report, Verdict};
+use crate::report::{Experiment, Gap, NamedEffect, Report, Verdict};
 
 /// Writing to a text cannot fail.
 macro_rules! put {
@@ -418,26 +418,7 @@ fn left(out: &mut String, report: &Report) {
         None => out.push_str("<p>Nothing is left that would count.</p>"),
     }
     match &report.next_experiment {
-        Some(next) => {
-            put!(
-                out,
-                "<section class=\"card\"><h3>Next experiment: <span class=\"name\">{}</span> on <span class=\"name\">{}</span></h3><p>{}</p>",
-                escape(&next.kind),
-                escape(&next.joint),
-                escape(&next.description)
-            );
-            if !next.separates.is_empty() {
-                let names: Vec<String> = next.separates.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
-                put!(
-                    out,
-                    "<p>It tells apart {}; evidence of about e<sup>{}</sup> is expected.</p>",
-                    names.join(", "),
-                    number(round(next.expected))
-                );
-            }
-            let numbers: Vec<String> = next.parameters.iter().map(|(n, x)| format!("{} = {}", escape(n), number(*x))).collect();
-            put!(out, "<p class=\"faint\">{}</p></section>", numbers.join(", "));
-        }
+        Some(next) => experiment(out, next),
         None => {
             let open: Vec<&NamedEffect> = report.effects.iter().filter(|e| !e.alternatives.is_empty()).collect();
             for effect in open {
@@ -448,6 +429,11 @@ fn left(out: &mut String, report: &Report) {
     }
     if !report.baselines.is_empty() {
         out.push_str("<h3>Other ways, on the same data</h3><p>Pooled gap, in shares of the joints' ranges.</p><table>");
+        put!(
+            out,
+            "<tr><td>this report</td><td class=\"n\">{}</td></tr>",
+            percent(report.gap.held_out.as_ref().unwrap_or(&report.gap.train).after)
+        );
         for (name, value) in &report.baselines {
             put!(out, "<tr><td>{}</td><td class=\"n\">{}</td></tr>", term(name), percent(*value));
         }
@@ -460,6 +446,35 @@ fn left(out: &mut String, report: &Report) {
         }
         out.push_str("</table></div>\n");
     }
+}
+
+fn experiment(out: &mut String, next: &Experiment) {
+    put!(
+        out,
+        "<section class=\"card\"><h3>Next experiment: <span class=\"name\">{}</span> on <span class=\"name\">{}</span></h3><p>{}.</p>",
+        escape(&next.name),
+        escape(&next.joint),
+        capital(&next.reason)
+    );
+    let names: Vec<String> = next.separates.iter().map(|n| format!("<code>{}</code>", escape(n))).collect();
+    let purpose = match names.len() {
+        0 => String::new(),
+        1 => format!("It would confirm {}", names[0]),
+        _ => format!("It tells apart {}", names.join(", ")),
+    };
+    match next.expected_log_bayes_factor {
+        Some(expected) if !purpose.is_empty() => {
+            put!(out, "<p>{purpose}; evidence of about e<sup>{}</sup> is expected.</p>", number(round(expected)));
+        }
+        _ if !purpose.is_empty() => put!(out, "<p>{purpose}.</p>"),
+        _ => {}
+    }
+    let numbers: Vec<String> =
+        next.reference.numbers.iter().map(|(n, x)| format!("{} = {}", escape(&n.replace('_', " ")), number(*x))).collect();
+    if !numbers.is_empty() {
+        put!(out, "<p class=\"faint\">{} (SI units)</p>", numbers.join(", "));
+    }
+    put!(out, "<p>Once it is recorded: <code>{}</code></p></section>", escape(&next.command));
 }
 
 fn steps(out: &mut String, report: &Report, figures: &PlotData) {
@@ -560,10 +575,22 @@ fn steps(out: &mut String, report: &Report, figures: &PlotData) {
         (None, _) => "No names are left to be told apart.",
     });
     out.push_str("</li>\n<li><strong>The rest.</strong> ");
-    out.push_str(match &report.unexplained {
-        Some(_) => "What is left without a name is described above; it is not in the model.",
-        None => "Nothing was left for a residual without a name.",
-    });
+    match (&report.residual, &report.unexplained) {
+        (Some(tried), _) if tried.kept => put!(
+            out,
+            "A learned force on what is left takes the held-out gap from {} to {}; it is kept in <code>residual.safetensors</code>.",
+            percent(tried.gap[0]),
+            percent(tried.gap[1])
+        ),
+        (Some(tried), _) if tried.gap[0] != tried.gap[1] => put!(
+            out,
+            "A learned force on what is left takes the held-out gap from {} to {}: less than a tenth, so it is not kept.",
+            percent(tried.gap[0]),
+            percent(tried.gap[1])
+        ),
+        (_, Some(_)) => out.push_str("What is left without a name is described above; it is not in the model."),
+        _ => out.push_str("Nothing was left for a learned force."),
+    }
     out.push_str("</li>\n</ol>\n");
 }
 

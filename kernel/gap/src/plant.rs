@@ -1,8 +1,9 @@
 //! The model under test, driven by what was measured.
 
 use nalgebra::DMatrix;
+use sagci_dynamics::residual::Residual;
 use sagci_dynamics::{Input, Part, State, StepWorkspace, System};
-use sagci_model::{ActuatorLaw, JointKind, ObjectModel};
+use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
@@ -89,9 +90,6 @@ impl Plant {
             if !limits.get(slot).copied().unwrap_or(true) {
                 let limits = &mut open.joints[*i].limits;
                 (limits.lower, limits.upper) = (f64::NEG_INFINITY, f64::INFINITY);
-                if open.joints[*i].kind == JointKind::Revolute {
-                    open.joints[*i].kind = JointKind::Continuous;
-                }
             }
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());
@@ -117,6 +115,23 @@ impl Plant {
             (stiffness * mobility).sqrt().max(damping * mobility)
         };
         self.laws.iter().enumerate().map(of).fold(1e-9, f64::max)
+    }
+
+    /// The same with a learned force besides.
+    pub fn with_residual(mut self, residual: Option<&Residual>) -> Result<Self, GapError> {
+        self.system.set_residual(residual)?;
+        Ok(self)
+    }
+
+    /// Effort that the drive of joint `j` needs as its input to give `effort` at `q`, `v`; where it is commanded a position, that is the input.
+    pub fn input_for(&self, j: usize, drive: Drive, effort: f64, [target, v]: [f64; 2]) -> f64 {
+        match (drive, &self.laws[j]) {
+            (Drive::Command(CommandKind::Position), _) => target,
+            (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
+                effort * resistance / torque_constant + torque_constant * v
+            }
+            _ => effort,
+        }
     }
 
     pub fn motion(&self) -> Motion {

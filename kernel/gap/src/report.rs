@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use sagci_recording::Log;
 use serde::Serialize;
 
 use crate::flexible::Region;
@@ -157,21 +158,56 @@ pub struct Unexplained {
     pub region: Region,
 }
 
+/// The motion of an experiment: what the joint is led along, or what is changed about it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reference {
+    /// Its kind, the experiment's name.
+    pub kind: String,
+    /// Its numbers, SI units.
+    #[serde(flatten)]
+    pub numbers: BTreeMap<String, f64>,
+}
+
 /// The experiment that would tell names apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Experiment {
-    /// Its kind, such as `quasi_static_sweep`.
-    pub kind: String,
+    /// Its name, such as `quasi_static_sweep`.
+    pub name: String,
     /// The joint.
     pub joint: String,
-    /// The names that it tells apart.
+    /// The names that it tells apart; one alone where it is to be confirmed.
     pub separates: Vec<String>,
-    /// Its numbers, SI units.
-    pub parameters: BTreeMap<String, f64>,
-    /// What to do, for a person.
-    pub description: String,
-    /// Logarithm of the Bayes factor that it is expected to give.
-    pub expected: f64,
+    /// Logarithm of the Bayes factor that it is expected to give; none where it could not be simulated.
+    pub expected_log_bayes_factor: Option<f64>,
+    /// What to do, in numbers.
+    pub reference: Reference,
+    /// What to do and why, for a person.
+    pub reason: String,
+    /// How to go on once it is recorded.
+    pub command: String,
+}
+
+impl Experiment {
+    /// Writes the command that goes on once it is recorded beside the data that there are, all as the command line takes them.
+    pub fn goes_on(mut self, model: &str, data: &str, held_out: &str) -> Self {
+        let held_out = if held_out.is_empty() { String::new() } else { format!(" --held-out {held_out}") };
+        self.command = format!("sagci gap {model} --data {data} {}.csv{held_out}", self.name);
+        self
+    }
+
+    pub(crate) fn told_to(self, model: &str, train: &[&Log], held_out: &[&Log]) -> Self {
+        let sources = |logs: &[&Log]| logs.iter().map(|l| l.source.as_str()).collect::<Vec<_>>().join(" ");
+        self.goes_on(model, &sources(train), &sources(held_out))
+    }
+}
+
+/// What became of the force that names leave over.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Remainder {
+    /// A learned force is kept beside the model.
+    pub kept: bool,
+    /// The pooled gap of the model with its effects on held-out data, without the learned force and with it.
+    pub gap: [f64; 2],
 }
 
 /// What the workflow answers.
@@ -192,6 +228,8 @@ pub struct Report {
     pub unexplained: Option<Unexplained>,
     /// Names that were looked at and refused.
     pub rejected: Vec<Reason>,
+    /// Whether a learned force for what is left was kept; none where it was not tried.
+    pub residual: Option<Remainder>,
     /// What to do next where names are left.
     pub next_experiment: Option<Experiment>,
     /// The held-out gap by other ways, pooled.

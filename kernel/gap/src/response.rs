@@ -196,6 +196,11 @@ impl Response {
             .collect()
     }
 
+    /// Position, velocity and input of each row.
+    pub fn along(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
+        self.rows.iter().map(|r| [r.q, r.v, r.input])
+    }
+
     /// Force that the model lacks in each row, by the correction that the filter made.
     pub fn lacking(&self, errors: &DVector<f64>) -> Vec<f64> {
         let (n, j) = (self.joints, self.joint);

@@ -18,7 +18,7 @@ use crate::search::Search;
 use crate::trajectory::Trajectory;
 use crate::windows::Smoothed;
 
-fn door() -> ObjectModel {
+pub(crate) fn door() -> ObjectModel {
     ObjectModel::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/mujoco/b")).unwrap()
 }
 
@@ -27,15 +27,21 @@ fn normal(random: &mut Pcg64) -> f64 {
 }
 
 /// A door that a weak hand moves to and fro for 10 s at 200 Hz, simulated in steps of 0.1 ms.
-fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
+pub(crate) fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
+    led(truth, noise, seed, 1.0)
+}
+
+/// The same with the hand's way so many times as wide.
+pub(crate) fn led(truth: &ObjectModel, noise: f64, seed: u64, width: f64) -> Log {
     let plant = Plant::new(truth, &[false], 1e-4).unwrap();
     let mut motion = plant.motion();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut joint = JointLog { name: "hinge".into(), effort: Some(Series::default()), ..JointLog::default() };
-    motion.state.q[0] = 0.6;
+    motion.state.q[0] = 0.9 - 0.3 * width;
     for k in 0..2000 {
         let t = 0.005 * f64::from(k);
-        let u = 4.0 * (0.9 + 0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos() - motion.state.q[0]) - 0.3 * motion.state.v[0];
+        let way = 0.9 + width * (0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos());
+        let u = 4.0 * (way - motion.state.q[0]) - 0.3 * motion.state.v[0];
         joint.position.time.push(t);
         joint.position.value.push(plant.reading(&motion, 0) + noise * normal(&mut random));
         let effort = joint.effort.as_mut().unwrap();
@@ -49,7 +55,7 @@ fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
     Log { source: "swing".into(), joints: vec![joint], ..Log::default() }
 }
 
-fn with(model: &ObjectModel, effect: &str, parameters: &[(&str, f64)]) -> ObjectModel {
+pub(crate) fn with(model: &ObjectModel, effect: &str, parameters: &[(&str, f64)]) -> ObjectModel {
     let mut model = model.clone();
     let parameters = parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect();
     model.document.effects.push(EffectEntry { effect: effect.into(), joint: Some("hinge".into()), parameters, ..EffectEntry::default() });

@@ -86,12 +86,19 @@ impl Trajectory {
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
-        this.counted = this.tested();
+        let noises: Vec<f64> = (0..this.joints).map(|j| noise::of_positions(std::slice::from_ref(&this), j)).collect();
+        this.weigh(model, &noises)?;
+        Ok(this)
+    }
+
+    /// Says which rows count and how much happens around each, under noise of positions by joint.
+    pub fn weigh(&mut self, model: &ObjectModel, noises: &[f64]) -> Result<(), GapError> {
         let names = joint_names(model)?;
         let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
-        this.liveliness = this.by_row(noise::liveliness);
-        this.strain = this.by_row(|t, j| noise::strain(t, j, law(j)));
-        Ok(this)
+        self.counted = self.tested(noises);
+        self.liveliness = self.by_row(noise::liveliness);
+        self.strain = self.by_row(|t, j| noise::strain(t, j, law(j)));
+        Ok(())
     }
 
     /// Something of each joint, row by row.
@@ -100,15 +107,15 @@ impl Trajectory {
         (0..self.rows()).flat_map(|k| by_joint.iter().map(move |l| l[k])).collect()
     }
 
-    /// Which positions a model is tested by.
-    fn tested(&self) -> Vec<bool> {
+    /// Which positions a model is tested by, under noise of positions by joint.
+    fn tested(&self, noises: &[f64]) -> Vec<bool> {
         let (n, rows) = (self.joints, self.rows());
         let side = ((0.5 * REST / self.period()).round() as usize).max(3);
         let mut counted = vec![true; rows * n];
         let mut ends = self.starts[1..].to_vec();
         ends.push(rows);
         for j in 0..n {
-            let noise = noise::of_positions(std::slice::from_ref(self), j);
+            let noise = noises[j];
             for (start, end) in self.starts.iter().copied().zip(ends.iter().copied()) {
                 for k in start..end {
                     let around = k.saturating_sub(side).max(start)..(k + side + 1).min(end);

@@ -113,6 +113,17 @@ impl Noise {
     }
 }
 
+/// RMSE of a joint over all samples.
+fn total(sums: &[Vec<[f64; 2]>], j: usize) -> f64 {
+    let (square, count) = sums.iter().fold((0.0, 0.0), |(a, b), w| (a + w[j][0], b + w[j][1]));
+    if count > 0.0 { (square / count).sqrt() } else { 0.0 }
+}
+
+/// RMS over joints of their RMSE in shares of their ranges.
+fn pooled(rmse: &[f64], ranges: &[f64]) -> f64 {
+    (rmse.iter().zip(ranges).map(|(e, r)| (e / r).powi(2)).sum::<f64>() / ranges.len() as f64).sqrt()
+}
+
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
         let noise = noise.likely(plant, trajectories);
@@ -180,43 +191,48 @@ impl Smoothed {
         }
     }
 
+    /// Sum of squares and number of samples, by window and joint.
+    fn sums(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<Vec<[f64; 2]>> {
+        let n = ranges.len();
+        let mut sums: Vec<Vec<[f64; 2]>> = Vec::new();
+        self.predict(plant, trajectories, length, |sample| {
+            if sums.len() <= sample.window {
+                sums.resize(sample.window + 1, vec![[0.0; 2]; n]);
+            }
+            let trajectory = &trajectories[sample.trajectory];
+            for j in 0..n {
+                let measured = trajectory.position[sample.row * n + j];
+                if measured.is_finite() {
+                    let error = sample.position[j] - measured;
+                    let error = if error.is_finite() { error.abs().min(ranges[j]) } else { ranges[j] };
+                    sums[sample.window][j][0] += error * error;
+                    sums[sample.window][j][1] += 1.0;
+                }
+            }
+        });
+        for window in &mut sums {
+            for (sum, range) in window.iter_mut().zip(ranges) {
+                // It has left the joint's range somewhere: it diverged.
+                if sum[1] > 0.0 && sum[0] / sum[1] > 0.25 * range * range {
+                    sum[0] = sum[1] * range * range;
+                }
+            }
+        }
+        sums
+    }
+
+    /// The pooled figure alone.
+    pub fn pooled(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> f64 {
+        let sums = self.sums(plant, trajectories, length, ranges);
+        let rmse: Vec<f64> = (0..ranges.len()).map(|j| total(&sums, j)).collect();
+        pooled(&rmse, ranges)
+    }
+
     /// The gap's figures. `ranges` are those of the joints.
     pub fn figures(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Figures {
         let n = ranges.len();
-        let by_window = |length: f64| {
-            // Sum of squares and number of samples by window and joint.
-            let mut sums: Vec<Vec<[f64; 2]>> = Vec::new();
-            self.predict(plant, trajectories, length, |sample| {
-                if sums.len() <= sample.window {
-                    sums.resize(sample.window + 1, vec![[0.0; 2]; n]);
-                }
-                let trajectory = &trajectories[sample.trajectory];
-                for j in 0..n {
-                    let measured = trajectory.position[sample.row * n + j];
-                    if measured.is_finite() {
-                        let error = sample.position[j] - measured;
-                        let error = if error.is_finite() { error.abs().min(ranges[j]) } else { ranges[j] };
-                        sums[sample.window][j][0] += error * error;
-                        sums[sample.window][j][1] += 1.0;
-                    }
-                }
-            });
-            for window in &mut sums {
-                for (sum, range) in window.iter_mut().zip(ranges) {
-                    // It has left the joint's range somewhere: it diverged.
-                    if sum[1] > 0.0 && sum[0] / sum[1] > 0.25 * range * range {
-                        sum[0] = sum[1] * range * range;
-                    }
-                }
-            }
-            sums
-        };
-        let total = |sums: &[Vec<[f64; 2]>], j: usize| {
-            let (square, count) = sums.iter().fold((0.0, 0.0), |(a, b), w| (a + w[j][0], b + w[j][1]));
-            if count > 0.0 { (square / count).sqrt() } else { 0.0 }
-        };
-        let long = by_window(length);
-        let short = by_window(SHORT.min(length));
+        let long = self.sums(plant, trajectories, length, ranges);
+        let short = self.sums(plant, trajectories, SHORT.min(length), ranges);
         let rmse: Vec<f64> = (0..n).map(|j| total(&long, j)).collect();
         let median = (0..n)
             .map(|j| {
@@ -225,8 +241,7 @@ impl Smoothed {
                 each.get(each.len() / 2).copied().unwrap_or(0.0)
             })
             .collect();
-        let pooled = (rmse.iter().zip(ranges).map(|(e, r)| (e / r).powi(2)).sum::<f64>() / n as f64).sqrt();
-        Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled, rmse }
+        Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled: pooled(&rmse, ranges), rmse }
     }
 
     /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
@@ -267,12 +282,12 @@ impl Smoothed {
                     plant.clamp(&mut motion);
                 }
                 motion.state.time = original.time[k];
-                for j in 0..n {
+                for (j, effort) in efforts.iter().enumerate() {
                     if original.position[k * n + j].is_finite() {
                         trajectory.position[k * n + j] = plant.reading(&motion, j) + noise.position[j] * normal();
                     }
                     if trajectory.drive[j] == Drive::Effort {
-                        trajectory.input[k * n + j] += efforts[j] * normal();
+                        trajectory.input[k * n + j] += effort * normal();
                     }
                 }
             }

@@ -74,10 +74,14 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
     let train = logs(&arguments.data, &given, arguments.angles)?;
     let held_out = if arguments.held_out.is_empty() { Vec::new() } else { logs(&arguments.held_out, &given, arguments.angles)? };
     let progress = |text: &str| eprintln!("{text} ...");
-    let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress) };
+    let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress), ..Options::default() };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
     if let Some(folder) = &arguments.out {
         found.report.model = folder.join("model.urdf").display().to_string();
+    }
+    if let Some(next) = found.report.next_experiment.take() {
+        let list = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" ");
+        found.report.next_experiment = Some(next.goes_on(&arguments.model, &list(&arguments.data), &list(&arguments.held_out)));
     }
     // The answer is told also where it could not be published.
     let published = match &stored {
@@ -92,6 +96,11 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         };
         std::fs::create_dir_all(folder).map_err(|source| CliError::File { path: folder.clone(), source })?;
         found.model.write_as(folder, "model.urdf").map_err(|e| CliError::Other(e.to_string()))?;
+        if let Some(residual) = &found.residual {
+            let bytes = residual.to_bytes().map_err(|e| CliError::Other(e.to_string()))?;
+            let path = folder.join("residual.safetensors");
+            std::fs::write(&path, bytes).map_err(|source| CliError::File { path, source })?;
+        }
         write("report.html", &page(&given.name, &found))?;
         write("gap.json", &json)?;
     }
@@ -189,6 +198,27 @@ fn text(report: &Report) -> String {
         }
     }
     text += &table(&rows);
+    if let Some(tried) = report.residual.filter(|r| r.kept) {
+        text +=
+            &format!("\na learned force on what is left takes the held-out gap from {:.5} to {:.5}: kept\n", tried.gap[0], tried.gap[1]);
+    }
+    if !report.baselines.is_empty() {
+        text += "\nother ways, pooled over joints in shares of their ranges\n";
+        let after = report.gap.held_out.as_ref().unwrap_or(&report.gap.train).after;
+        let mut rows = vec![vec!["  this report".into(), format!("{after:.5}")]];
+        rows.extend(report.baselines.iter().map(|(name, x)| vec![format!("  {}", name.replace('_', " ")), format!("{x:.5}")]));
+        text += &table(&rows);
+    }
+    if let Some(next) = &report.next_experiment {
+        text += &format!("\nnext experiment  {} on {}\n  {}\n", next.name, next.joint, next.reason);
+        match (next.separates.as_slice(), next.expected_log_bayes_factor) {
+            ([], _) => {}
+            ([one], Some(x)) => text += &format!("  would confirm {one}; evidence of about e^{x:.0} is expected\n"),
+            (names, Some(x)) => text += &format!("  tells apart {}; evidence of about e^{x:.0} is expected\n", names.join(", ")),
+            (names, None) => text += &format!("  tells apart {}\n", names.join(", ")),
+        }
+        text += &format!("  then  {}\n\n", next.command);
+    }
     for note in &report.notes {
         text += &format!("note: {note}\n");
     }
