@@ -18,9 +18,10 @@ use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Reason, Report, SCHEMA, Unexplained, Verdict};
-use crate::search::{Candidate, FLOOR, Search, entries};
+use crate::search::{Candidate, Search, entries};
 use crate::trajectory::Trajectory;
 use crate::unseen::{SEEN, Unseen, set_aside};
+use crate::weigh::MATERIAL;
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -64,10 +65,10 @@ pub struct Found {
 const MOST: usize = 4;
 /// Logarithm of the Bayes factor that an effect needs.
 const CONVINCING: f64 = 10.0;
-/// Share of what accelerates a joint that an effect needs: less is below what any model is off by.
-const MATERIAL: f64 = FLOOR;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
+/// How much more than all names a force without a name has to say before they are only its nearest neighbours.
+const NEIGHBOUR: f64 = 2.0;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -122,8 +123,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         }
         scale = next;
         search.rank(&mut candidates, scale);
-        search.prefer_simpler(&mut candidates)?;
         let here = search.evidence(&current, scale);
+        search.prefer_simpler(model, &mut candidates, here, options.window)?;
+        search.prefer_two(model, &current, &mut candidates, scale, options.window)?;
         let Some(best) = candidates.first() else { break };
         let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
@@ -131,7 +133,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let nameless = search.nameless(&current, scale)?;
         say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
-        if gain < CONVINCING || force < MATERIAL {
+        if gain < CONVINCING || !search.is_material(model, &current, &best.fit, force, options.window)? {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
@@ -147,7 +149,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let mut at = 0;
         while at < chosen.len() && chosen.len() > 1 {
             let all = entries(&current.hypothesis);
-            let less = search.refit(&Fit::start(&search.problem, current.hypothesis.without(all[at]))?, scale)?;
+            let alone = Fit::start(&search.problem, current.hypothesis.without(all[at])).and_then(|f| search.refit(&f, scale));
+            // What cannot be simulated without it needs it.
+            let Ok(less) = alone else {
+                at += 1;
+                continue;
+            };
             let (with, without) = (search.evidence(&current, scale), search.evidence(&less, scale));
             if with - without < CONVINCING {
                 current = less;
@@ -157,7 +164,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             }
             let mut candidates = search.stage(&less, scale)?;
             search.rank(&mut candidates, scale);
-            search.prefer_simpler(&mut candidates)?;
+            search.prefer_simpler(model, &mut candidates, without, options.window)?;
             let name = chosen[at].best.effect;
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
@@ -213,7 +220,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         && !chosen.is_empty()
         && left.1.evidence > 2.0 * CONVINCING
         && left.1.force > MATERIAL * search.typical_force()[left.0]
-        && all.evidence > search.evidence(&current, scale) - search.evidence(&refitted, scale)
+        && all.evidence > NEIGHBOUR * (search.evidence(&current, scale) - search.evidence(&refitted, scale))
     {
         for gone in chosen.drain(..) {
             let reason = "comes near, but a force without a name fits better".to_owned();

@@ -193,6 +193,17 @@ impl Hypothesis {
         Ok(this)
     }
 
+    /// The same, what is bound to a place no wider than so much, rad or m. `first` is the first number that this is asked of.
+    pub fn confined(mut self, first: usize, widest: f64) -> Self {
+        for (fitted, x) in self.fitted.iter_mut().zip(&mut self.x).skip(first) {
+            if matches!(fitted.knob, Knob::Effect(_, "width")) {
+                fitted.bounds[1] = fitted.bounds[1].min(fitted.coordinate(widest)).max(fitted.bounds[0]);
+                *x = x.min(fitted.bounds[1]);
+            }
+        }
+        self
+    }
+
     /// The same without one of its effects.
     pub fn without(&self, entry: usize) -> Self {
         let mut this = self.clone();

@@ -46,7 +46,7 @@ fn sparse_regression_finds_two_frictions_and_little_else() {
     let right = Hypothesis::known(&truth, &search.joints);
     let gap = |h: &Hypothesis| measure.pooled(h, None).unwrap();
     let (without, sparse, named) = (gap(&refitted.hypothesis), gap(&sparse), gap(&right));
-    assert!(sparse < 0.02 * without && sparse < 6.0 * named, "{without} {sparse} {named}");
+    assert!(sparse < 0.02 * without && sparse < 20.0 * named, "{without} {sparse} {named}");
 }
 
 /// The free refit may have friction where there was none.

@@ -52,6 +52,8 @@ const HOPE: f64 = 0.3;
 const CLOSE: f64 = 0.8;
 
 const NEAR: f64 = 10.0;
+/// Share of the range that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
+const LOCAL: f64 = 0.3;
 
 /// An effect at a place after the screens.
 struct Screened {
@@ -151,6 +153,8 @@ impl<'a> Search<'a> {
             .map(|(effect, place, values)| {
                 let name = effect.description().name;
                 let hypothesis = base.hypothesis.with(name, place.map(|j| self.names[j].as_str()), &values).ok()?;
+                let [low, high] = views[place.unwrap_or(0)].range;
+                let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * (high - low));
                 let response = responses.get(place.unwrap_or(0))?.as_ref()?;
                 let linear = effect.description().acts == Acts::Joint && effect.description().parameter("encoder").is_none();
                 let (x, gain) = if linear {

@@ -1,11 +1,12 @@
 //! What a fit is worth beside others: noise, evidence, the forces that it explains.
 
 use rayon::prelude::*;
+use sagci_model::ObjectModel;
 
 use crate::GapError;
 use crate::fit::{Fit, Problem};
 use crate::flexible::{self, Nameless};
-use crate::gaps::FINE;
+use crate::gaps::{FINE, Measure};
 use crate::observer::Disturbance;
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, Search};
@@ -15,6 +16,13 @@ use crate::windows::likely_noise;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
 const SAME: f64 = 0.5 * FLOOR;
+/// Share of what accelerates a joint that an effect needs, less being below what any model is off by; or at the least, if with it the gap
+/// falls to such a share.
+pub(crate) const MATERIAL: f64 = FLOOR;
+const TRIFLE: f64 = 0.1 * FLOOR;
+const FALL: f64 = 0.7;
+/// Share of a rich effect's fall of squares that a plain one needs to be tried with a second.
+const PLAIN: f64 = 0.6;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
 
@@ -31,19 +39,62 @@ impl Search<'_> {
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     }
 
-    /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by: what is
-    /// left between them is no ground to name the richer one.
-    pub fn prefer_simpler(&self, candidates: &mut [Candidate]) -> Result<(), GapError> {
+    /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by, or
+    /// predicts whole windows no worse: what is left between them is no ground to name the richer one. `here` is the evidence without any.
+    pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        let gap = |c: &Candidate| measure.pooled(&c.fit.hypothesis, None);
         let mut chosen = 0;
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
-            if count(candidate) < count(&candidates[chosen]) && self.force_between(&candidate.fit, &best.fit)? < SAME {
+            if count(candidate) < count(&candidates[chosen])
+                && candidate.evidence - here > 0.5 * (best.evidence - here)
+                && (self.force_between(&candidate.fit, &best.fit)? < SAME || gap(candidate)? <= gap(best)?)
+            {
                 chosen = i;
             }
         }
         candidates[..=chosen].rotate_right(1);
         Ok(())
+    }
+
+    /// Puts an effect of one number first, where it and a second one of few numbers say together what a rich one says alone, or more, or
+    /// predict whole windows better: two plain losses look like one of five numbers.
+    pub fn prefer_two(
+        &self,
+        model: &ObjectModel,
+        current: &Fit,
+        candidates: &mut [Candidate],
+        scale: f64,
+        window: f64,
+    ) -> Result<(), GapError> {
+        let Some(best) = candidates.first() else { return Ok(()) };
+        let more = |fit: &Fit| fit.hypothesis.x.len() - current.hypothesis.x.len();
+        let fall = |c: &Candidate| current.squares - c.fit.squares;
+        let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
+        let Some(plain) = candidates.iter().take(NEAREST).find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
+        let mut second = self.stage(&plain.fit, scale)?;
+        second.retain(|c| more(&c.fit) < more(&best.fit));
+        self.rank(&mut second, scale);
+        let Some(two) = second.first() else { return Ok(()) };
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None);
+        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || gap(&two.fit)? < gap(&best.fit)? {
+            let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
+            candidates[..=at].rotate_right(1);
+        }
+        Ok(())
+    }
+
+    /// Is an effect worth a name? Its force is more than what any model is off by, or it adds up to a good part of the gap: a small loss
+    /// does over a long swing. `force` is [`Self::force_between`] the two fits.
+    pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
+        if force > MATERIAL || force < TRIFLE {
+            return Ok(force > MATERIAL);
+        }
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        Ok(measure.pooled(&more.hypothesis, None)? < FALL * measure.pooled(&less.hypothesis, None)?)
     }
 
     /// Share of the squared errors, beyond noise, that one fit takes away from another's.

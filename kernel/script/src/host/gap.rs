@@ -155,7 +155,7 @@ impl Host {
         let clock = Instant::now();
         let (watcher, seed) = (self.kit.progress.clone(), self.options.seed);
         let progress = move |text: &str| watcher.event(seed, &Event::Searching { text });
-        let options = Options { window: request.window, seed, progress: Some(&progress) };
+        let options = Options { window: request.window, seed, progress: Some(&progress), baselines: false };
         let mut found = find(&model, &train, &held_out, &options).map_err(|e| Stop::Failed(unsuitable(e.to_string())))?;
         let effects: Vec<FoundEffect> = found.report.effects.iter().map(effect).collect();
         if let Phase::Live(live) = &mut self.phase {
