@@ -90,8 +90,8 @@ impl Search<'_> {
     /// Is an effect worth a name? Its force is more than what any model is off by, or it adds up to a good part of the gap: a small loss
     /// does over a long swing. `force` is [`Self::force_between`] the two fits.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
-        if force > MATERIAL || force < TRIFLE {
-            return Ok(force > MATERIAL);
+        if !(TRIFLE..MATERIAL).contains(&force) {
+            return Ok(force >= MATERIAL);
         }
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         Ok(measure.pooled(&more.hypothesis, None)? < FALL * measure.pooled(&less.hypothesis, None)?)
