@@ -186,10 +186,22 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     }
 
     say("fitting to the end");
+    let settled = search.problem.clone();
     search.finer();
     let restart = |fit: &Fit| Fit::start(&search.problem, fit.hypothesis.clone())?.finish(&search.problem, scale, None);
-    current = restart(&current)?;
-    let refitted = if chosen.is_empty() { current.clone() } else { restart(&base)? };
+    let finer = restart(&current).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { restart(&base)? }, fit)));
+    let refitted = match finer {
+        Ok((refitted, fit)) => {
+            current = fit;
+            refitted
+        }
+        // The answer stands as it was found.
+        Err(error) => {
+            notes.push(format!("the last fit, in finer steps, was left out: {error}"));
+            search.problem = settled;
+            base.clone()
+        }
+    };
     scale = search.scale(&current);
 
     // Data that no fit and no choice has seen have a veto, once, over names that are settled: what they contradict is not there.

@@ -99,7 +99,8 @@ impl<'a> Problem<'a> {
                     moved[p] += change;
                     Ok((self.errors(hypothesis, &moved)? - errors) / change)
                 };
-                at(change).or_else(|_: GapError| at(-change))
+                // Beside a state that cannot be simulated, one nearer may be.
+                at(change).or_else(|_: GapError| at(-change)).or_else(|_| at(0.1 * change)).or_else(|_| at(-0.1 * change))
             })
             .collect()
     }

@@ -45,12 +45,14 @@ impl Search<'_> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        let gap = |c: &Candidate| measure.pooled(&c.fit.hypothesis, None);
+        // What cannot be simulated predicts nothing.
+        let gap = |c: &Candidate| measure.pooled(&c.fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        let predicts_as_well = |c: &Candidate| gap(c) <= gap(best).min(f64::MAX);
         let mut chosen = 0;
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
             if count(candidate) < count(&candidates[chosen])
                 && candidate.evidence - here > 0.5 * (best.evidence - here)
-                && (self.force_between(&candidate.fit, &best.fit)? < SAME || gap(candidate)? <= gap(best)?)
+                && (self.force_between(&candidate.fit, &best.fit)? < SAME || predicts_as_well(candidate))
             {
                 chosen = i;
             }
@@ -74,13 +76,14 @@ impl Search<'_> {
         let fall = |c: &Candidate| current.squares - c.fit.squares;
         let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
         let Some(plain) = candidates.iter().take(NEAREST).find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
-        let mut second = self.stage(&plain.fit, scale)?;
+        // Where nothing can be found beside the plain one, it stays alone.
+        let mut second = self.stage(&plain.fit, scale).unwrap_or_default();
         second.retain(|c| more(&c.fit) < more(&best.fit));
         self.rank(&mut second, scale);
         let Some(two) = second.first() else { return Ok(()) };
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None);
-        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || gap(&two.fit)? < gap(&best.fit)? {
+        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || gap(&two.fit) < gap(&best.fit) {
             let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
             candidates[..=at].rotate_right(1);
         }
@@ -94,7 +97,8 @@ impl Search<'_> {
             return Ok(force >= MATERIAL);
         }
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        Ok(measure.pooled(&more.hypothesis, None)? < FALL * measure.pooled(&less.hypothesis, None)?)
+        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        Ok(gap(more) < FALL * gap(less))
     }
 
     /// Share of the squared errors, beyond noise, that one fit takes away from another's.
