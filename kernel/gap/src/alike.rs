@@ -4,12 +4,14 @@
 //! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
 //!   constant, where gravity already acts.
 //! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine.
+//! * Where a joint went one way only, a force by place and a friction by place are one thing.
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
 //!   weak by a share is a little more of all of it.
 
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::search::Search;
+use crate::starts::Seen;
 
 /// Range over which a sine is a line, rad.
 const SHORT: f64 = std::f64::consts::FRAC_PI_3;
@@ -27,16 +29,16 @@ pub(crate) struct Circumstances {
     pub range: f64,
     /// Gravity moves it.
     pub gravity: bool,
-    /// A command drives it.
-    pub commanded: bool,
+    /// What its data can show.
+    pub seen: Seen,
 }
 
 /// Names that data of such a joint cannot tell from `name`, `scaled` if its own numbers hold a scale error.
 pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'static str] {
     let short = at.turns && at.range < SHORT;
     match name {
-        "transport_delay" if at.commanded => &["clock_skew"],
-        "clock_skew" if at.commanded => &["transport_delay"],
+        "transport_delay" if at.seen.commanded => &["clock_skew"],
+        "clock_skew" if at.seen.commanded => &["transport_delay"],
         "joint_spring" if short => &["hinge_tilt"],
         "hinge_tilt" if short && at.alone && at.gravity => &["joint_spring", "encoder_offset", "joint_axis_error"],
         "hinge_tilt" if at.alone && at.gravity => &["encoder_offset", "joint_axis_error"],
@@ -46,9 +48,10 @@ pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'
         "encoder_offset" if at.alone && at.gravity && !scaled => &["hinge_tilt", "joint_axis_error"],
         "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
         "torque_bias" if short && at.gravity => &["hinge_tilt"],
-        "payload" if at.alone && !at.gravity && at.commanded => &["armature_inertia", "torque_gain"],
+        "payload" if at.alone && !at.gravity && at.seen.commanded => &["armature_inertia", "torque_gain"],
         "armature_inertia" if at.alone && !at.gravity => &["payload", "torque_gain"],
         "torque_gain" if at.alone && !at.gravity => &["armature_inertia", "payload"],
+        "magnetic_gasket" | "detent" if at.seen.one_way => &["position_dependent_friction"],
         _ => &[],
     }
 }
@@ -66,7 +69,7 @@ impl Search<'_> {
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
             gravity: self.gravity(base, j) > NONE * self.typical_force()[j],
-            commanded: self.commanded[j],
+            seen: self.seen[j],
         };
         let scaled = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
             let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));

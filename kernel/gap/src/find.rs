@@ -188,8 +188,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     say("fitting to the end");
     let settled = search.problem.clone();
     search.finer();
-    let restart = |fit: &Fit| Fit::start(&search.problem, fit.hypothesis.clone())?.finish(&search.problem, scale, None);
-    let finer = restart(&current).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { restart(&base)? }, fit)));
+    let finer =
+        search.refit(&current, scale).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { search.refit(&base, scale)? }, fit)));
     let refitted = match finer {
         Ok((refitted, fit)) => {
             current = fit;
@@ -261,8 +261,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let off = gap.train.after > FAR * gap.train.noise_floor;
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
-        let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE && (n.force > MATERIAL * typical[joint] || off);
-        (counts || nameless_won && chosen.is_empty()).then(|| Unexplained {
+        let felt = n.force > MATERIAL * typical[joint] || off;
+        let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
+        (felt && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
             over: n.over.into(),

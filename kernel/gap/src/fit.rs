@@ -23,23 +23,25 @@ pub(crate) struct Problem<'a> {
     pub trajectories: &'a [Trajectory],
     pub disturbance: Disturbance,
     /// Positions at which inertias are taken.
-    middle: Vec<f64>,
+    pub middle: Vec<f64>,
     /// Usual time between rows, s, and the largest efforts.
-    period: f64,
-    most: Vec<f64>,
+    pub period: f64,
+    pub most: Vec<f64>,
     /// Of which joints the URDF's limits are kept.
     pub limits: Vec<bool>,
     /// Longest step, s.
     pub step: f64,
+    /// How much efforts accelerate joints, if that is not to be asked of each plant.
+    pub mobility: Option<Vec<f64>>,
 }
 
 impl<'a> Problem<'a> {
     pub fn new(trajectories: &'a [Trajectory], disturbance: Disturbance, limits: &[bool], step: f64) -> Self {
         let middle = noise::middle(trajectories, disturbance.effort.len());
         let period = trajectories.first().map_or(0.005, Trajectory::period);
-        let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.input.iter().skip(j).step_by(t.joints));
+        let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.strain.iter().skip(j).step_by(t.joints));
         let most = (0..middle.len()).map(|j| efforts(j).filter(|u| u.is_finite()).fold(1e-6, |a: f64, u| a.max(u.abs()))).collect();
-        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step }
+        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, mobility: None }
     }
 
     /// The filter's gains for a plant.
@@ -55,7 +57,7 @@ impl<'a> Problem<'a> {
 
     /// How much efforts accelerate a plant's joints within a row, where the data mostly are, by columns.
     pub fn mobility(&self, plant: &Plant) -> Vec<f64> {
-        plant.mobility(&self.middle, self.period, &self.most)
+        self.mobility.clone().unwrap_or_else(|| plant.mobility(&self.middle, self.period, &self.most))
     }
 
     /// Normalised prediction errors of a hypothesis at `x`, trajectory by trajectory.
@@ -115,6 +117,8 @@ pub(crate) struct Fit {
     pub squares: f64,
     /// Derivatives of the errors by all that was fitted, at the end or near it.
     pub jacobian: Vec<DVector<f64>>,
+    /// The sum of squares by which it is compared with others: see [`Problem::judged`].
+    pub judged: f64,
 }
 
 /// How hard a fit tries.
@@ -130,7 +134,7 @@ impl Fit {
     pub fn start(problem: &Problem<'_>, hypothesis: Hypothesis) -> Result<Self, GapError> {
         let errors = problem.errors(&hypothesis, &hypothesis.x)?;
         let squares = errors.norm_squared();
-        Ok(Self { hypothesis, errors, squares, jacobian: Vec::new() })
+        Ok(Self { hypothesis, errors, squares, jacobian: Vec::new(), judged: squares })
     }
 
     /// Normal equations over the columns, with the priors: `(J^T J / s^2 + D^-2)` and the right-hand side of a step.
@@ -174,6 +178,8 @@ impl Fit {
                 match better.filter(|(s, _)| cost(*s, &self.hypothesis, &x) < before) {
                     Some((squares, errors)) => {
                         self.hypothesis.x = x;
+                        // Until it is asked anew, as much as the fit itself gained.
+                        self.judged += squares - self.squares;
                         (self.squares, self.errors) = (squares, errors);
                         damping = (damping * 0.1).max(1e-9);
                         moved = true;

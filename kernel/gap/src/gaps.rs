@@ -87,7 +87,8 @@ pub(crate) fn gaps(
             .par_iter()
             .zip(&followers)
             .map(|(plant, follower)| {
-                let smoothed = Smoothed::new(follower, data, &noise)?;
+                // A model that gets lost along the data starts its windows where the found one does.
+                let smoothed = Smoothed::new(follower, data, &noise).or_else(|_| Smoothed::new(&followers[2], data, &noise))?;
                 Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
             })
             .collect::<Result<_, GapError>>()?;
@@ -95,7 +96,7 @@ pub(crate) fn gaps(
         let efforts: Vec<f64> = (0..n).map(|j| noise::of_efforts(data, j)).collect();
         let likely = noise.likely(&followers[2], data);
         let smoothed = Smoothed::new(&followers[2], data, &noise)?;
-        let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), options.window, options.seed)?;
+        let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), (options.window, &ranges), options.seed);
         let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {

@@ -13,8 +13,11 @@ mod fit;
 mod flexible;
 mod gaps;
 mod hypothesis;
+mod jitter;
 mod map;
 mod noise;
+#[cfg(test)]
+mod noisy_tests;
 mod observer;
 mod page;
 mod plant;

@@ -1,5 +1,8 @@
 //! How noisy the data are, from the data alone.
 
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
 use crate::observer::Noise;
 use sagci_model::ActuatorLaw;
 use sagci_recording::CommandKind;
@@ -53,6 +56,12 @@ fn quantum(changes: &[f64]) -> Option<f64> {
     let fits = few.iter().filter(|d| off(d) < 0.1).count();
     // By chance a fifth of all would fit.
     (few.len() > 50 && fits as f64 > 0.9 * few.len() as f64).then_some(smallest)
+}
+
+/// A number from the standard normal distribution (Box and Muller 1958).
+pub(crate) fn normal(random: &mut Pcg64) -> f64 {
+    let (a, b): (f64, f64) = (random.random(), random.random());
+    (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
 }
 
 /// Median of each joint's positions.
@@ -143,9 +152,10 @@ pub(crate) fn accelerations(trajectories: &[Trajectory], inertias: &[f64]) -> Ve
             let (mut moved, mut pushed, mut count, mut inputs) = (0.0, 0.0, 0.0, 0.0);
             for trajectory in trajectories {
                 let y: Vec<f64> = trajectory.positions(j).collect();
-                let width = ((SPAN / trajectory.period()).round() as usize).max(2);
+                let period = trajectory.period();
+                let width = ((SPAN / period).round() as usize).max(2);
                 for k in (width..y.len().saturating_sub(width)).filter(|k| y[*k].is_finite()) {
-                    let a = (y[k + width] - 2.0 * y[k] + y[k - width]) / (width as f64 * trajectory.period()).powi(2);
+                    let a = (y[k + width] - 2.0 * y[k] + y[k - width]) / (width as f64 * period).powi(2);
                     if a.is_finite() {
                         moved += a * a;
                         count += 1.0;

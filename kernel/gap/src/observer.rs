@@ -46,14 +46,9 @@ impl Disturbance {
         }
     }
 
-    /// The same, larger by factors.
-    pub fn times(&self, [position, share, effort]: [f64; 3]) -> Self {
-        Self {
-            position: times(&self.position, position),
-            share: times(&self.share, share),
-            quiet: self.quiet.clone(),
-            effort: times(&self.effort, effort),
-        }
+    /// The same, noise of positions and the share larger by factors.
+    pub fn times(&self, [position, share]: [f64; 2]) -> Self {
+        Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
 }
 

@@ -1,9 +1,10 @@
 //! The model under test, driven by what was measured.
 
 use nalgebra::DMatrix;
+use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
 use sagci_dynamics::{Input, Part, State, StepWorkspace, System};
-use sagci_model::{ActuatorLaw, ObjectModel};
+use sagci_model::{ActuatorLaw, EffectEntry, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
@@ -14,6 +15,8 @@ use crate::trajectory::{Drive, Trajectory};
 pub(crate) struct Plant {
     pub system: System,
     laws: Vec<Option<ActuatorLaw>>,
+    /// The same without what happens to commands, where anything does: efforts act on joints behind it.
+    behind_drives: Option<Box<Self>>,
     /// Longest step, s.
     pub step: f64,
 }
@@ -23,6 +26,8 @@ const SHARE: f64 = 0.05;
 const SHORTEST: f64 = 2e-4;
 /// Rows after which both sides of a play have met.
 const ROWS: usize = 10;
+/// How many times larger than it is a sensor may show a motion.
+const SHOWN: f64 = 1.25;
 /// How many times more steps are tried where one fails.
 const FINER: f64 = 8.0;
 /// Share of a velocity's change by which two ways over an interval may differ and still be near each other.
@@ -94,7 +99,13 @@ impl Plant {
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());
         let laws = moving.iter().map(law).collect();
-        let mut this = Self { system: System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?, laws, step };
+        let on_command = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Command(_)));
+        let mut bare = model.clone();
+        bare.document.effects.retain(|e| !on_command(e));
+        let all = bare.document.effects.len() == model.document.effects.len();
+        let behind_drives = if all { None } else { Some(Box::new(Self::new(&bare, limits, step)?)) };
+        let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
+        let mut this = Self { system, laws, behind_drives, step };
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
         Ok(this)
     }
@@ -231,6 +242,9 @@ impl Plant {
     /// hold it back: a spring or a play that it has to go through, a friction that grows with it. So it is what a row shows after some rows
     /// under the largest effort, when all moves and both sides of a play have met.
     pub fn mobility(&self, q: &[f64], period: f64, most: &[f64]) -> Vec<f64> {
+        if let Some(bare) = &self.behind_drives {
+            return bare.mobility(q, period, most);
+        }
         let rigid = self.inverse_mass_at(q);
         let n = most.len();
         let end = |input: &[f64]| -> Option<Vec<f64>> {
@@ -240,7 +254,8 @@ impl Plant {
             let mut motion = self.motion();
             motion.state.q.copy_from_slice(q);
             (0..ROWS).try_for_each(|k| self.interval(&mut motion, &row, k)).ok()?;
-            Some(motion.state.v)
+            // As it is read: a sensor that shows less shows less of the effort's noise, too.
+            Some((0..n).map(|j| self.system.measure(&motion.state, 0.0, j).position.d_q * motion.state.v[j]).collect())
         };
         let Some(still) = end(most) else { return rigid };
         let mut mobility = rigid;
@@ -250,7 +265,7 @@ impl Plant {
             let Some(pushed) = end(&more) else { continue };
             for i in 0..n {
                 let found = (pushed[i] - still[i]) / (0.01 * most[j] * period);
-                let bound = mobility[j * n + i].abs();
+                let bound = SHOWN * mobility[j * n + i].abs();
                 mobility[j * n + i] = found.clamp(-bound, bound);
             }
         }

@@ -194,7 +194,7 @@ pub(crate) fn draw(
         seconds: t.time.last().zip(t.time.first()).map_or(0.0, |(b, a)| b - a),
         held_out,
     };
-    let seen = |d: &effects::Description| (0..search.names.len()).any(|j| observable(d.name, search.commanded[j]));
+    let seen = |d: &effects::Description| (0..search.names.len()).any(|j| observable(d.name, search.seen[j]));
     let catalogue = effects::catalogue().iter().map(|e| e.description());
     let (tried, not): (Vec<&effects::Description>, Vec<&effects::Description>) = catalogue.partition(|d| seen(d));
     Ok(PlotData {

@@ -17,18 +17,24 @@ use crate::flexible::Place;
 use crate::observer::Run;
 use crate::search::Search;
 
+/// Rows away from which a noisy input is taken.
+const NEAR: usize = 3;
+const FAR: usize = 8;
+
 /// The rows of a base run, for one joint.
 #[derive(Debug)]
 pub(crate) struct Response {
     rows: Vec<Row>,
     joints: usize,
     joint: usize,
+    /// The joint's input is a measured effort.
+    noisy: bool,
     /// Gains and deviations by row and joint.
     gains: Vec<[f64; 3]>,
     /// Column of the inverse mass matrix, by row.
     inverse: Vec<f64>,
-    /// Rate at which velocities decay, by joint.
-    decay: Vec<f64>,
+    /// What is kept and gained over the row, by row and joint: see [`Row::decay`].
+    decay: Vec<[f64; 4]>,
     /// Errors of the base model without what its known numbers can explain, with a row for the prior of each of these, and an orthonormal
     /// basis of what they can.
     pub errors: DVector<f64>,
@@ -87,7 +93,8 @@ impl Response {
             gains.extend_from_slice(run.gains.rows());
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
-        let decay = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
+        let rates: Vec<f64> = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
+        let decay = rows.iter().flat_map(|row: &Row| rates.iter().map(|rate| row.decay(*rate))).collect();
         // Numbers with a prior count as measured once more: a row each, behind the errors. Those on a bound can explain nothing more.
         let (count, known) = (base.errors.len(), base.jacobian.len());
         let extended = |errors: &DVector<f64>, prior: &dyn Fn(usize) -> f64| {
@@ -118,7 +125,8 @@ impl Response {
         let errors = extended(&base.errors, &off);
         let along = basis.tr_mul(&errors);
         let errors = errors - &basis * along;
-        Self { rows, joints: n, joint, gains, inverse, decay, errors, basis }
+        let noisy = search.problem.disturbance.effort[joint] > 0.0;
+        Self { rows, joints: n, joint, noisy, gains, inverse, decay, errors, basis }
     }
 
     /// Without what the base model's own numbers can explain.
@@ -172,7 +180,7 @@ impl Response {
                     continue;
                 }
                 let a = -self.inverse[k * n + i] * forces[k];
-                let [kept, gained, moved, shifted] = row.decay(self.decay[i]);
+                let [kept, gained, moved, shifted] = self.decay[k * n + i];
                 q += moved * v + shifted * a;
                 v = kept * v + gained * a;
             }
@@ -180,10 +188,17 @@ impl Response {
         errors
     }
 
-    /// What the force of each row may depend on. Inputs are those of the rows beside it: its own has the noise that it is off by.
+    /// What the force of each row may depend on. A noisy input is the mean of those before and after it, further away than the filter
+    /// remembers: its own has the noise that the row is off by, and its neighbours' that which theirs are.
     pub fn places(&self) -> Vec<Place> {
         let (mut run, mut since, mut before) = (0.0, 0.0, 0.0);
-        let input = |k: usize| 0.5 * (self.rows[k.saturating_sub(1)].input + self.rows[(k + 1).min(self.rows.len() - 1)].input);
+        let mean = |k: usize| {
+            let before = k.saturating_sub(FAR)..(k + 1).saturating_sub(NEAR);
+            let rows = before.chain(k + NEAR..(k + FAR + 1).min(self.rows.len()));
+            let (sum, count) = rows.fold((0.0, 0.0), |(s, c), i| (s + self.rows[i].input, c + 1.0));
+            sum / f64::max(count, 1.0)
+        };
+        let input = |k: usize| if self.noisy { mean(k) } else { self.rows[k].input };
         self.rows
             .iter()
             .enumerate()

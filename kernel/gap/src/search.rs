@@ -1,6 +1,6 @@
 //! Which effect is missing: starts from everything the catalogue offers, exact fits of the best, and their evidence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ use crate::hypothesis::{Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
 use crate::response::Response;
-use crate::starts::{JointView, observable, starts};
+use crate::starts::{JointView, Seen, observable, starts};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
 /// An effect at a place, fitted.
@@ -35,7 +35,11 @@ pub(crate) struct Search<'a> {
     pub names: Vec<String>,
     pub joints: Vec<usize>,
     pub inertias: Vec<f64>,
-    pub commanded: Vec<bool>,
+    pub seen: Vec<Seen>,
+    /// How much measured efforts change from row to row, as the standard deviation of a noise, by joint.
+    pub jitter: Vec<f64>,
+    /// How much efforts accelerate joints of the model as given, by columns.
+    pub mobility: Vec<f64>,
 }
 
 /// Share of the motion's accelerations that no model has.
@@ -45,6 +49,8 @@ pub(crate) const STEP: f64 = 2.5e-3;
 /// Effects of one stage that are fitted in the simulator, and those of them that are fitted to the end.
 const SEMIFINALISTS: usize = 12;
 const FINALISTS: usize = 6;
+/// Starts of one effect that are fitted in the simulator.
+const STARTS: usize = 2;
 
 /// An effect that explains less than this share of what the best one explains is not looked at further: after the screen, and after
 /// the first rounds in the simulator.
@@ -83,13 +89,19 @@ impl<'a> Search<'a> {
             quiet: typical.iter().map(|a| noise::QUIET * a).collect(),
             effort: (0..n).map(|j| noise::of_efforts(trajectories, j)).collect(),
         };
+        let jitter = disturbance.effort.clone();
         let any = |test: &dyn Fn(Drive) -> bool, j: usize| trajectories.iter().any(|t| test(t.drive[j]));
+        let problem = Problem::new(trajectories, disturbance, &limits, STEP);
         Ok(Self {
-            problem: Problem::new(trajectories, disturbance, &limits, STEP),
-            commanded: (0..n).map(|j| any(&|d| matches!(d, Drive::Command(_)), j)).collect(),
+            mobility: problem.mobility(&given),
+            problem,
+            seen: (0..n)
+                .map(|j| Seen { commanded: any(&|d| matches!(d, Drive::Command(_)), j), one_way: one_way(trajectories, j) })
+                .collect(),
             names,
             joints,
             inertias,
+            jitter,
         })
     }
 
@@ -99,7 +111,12 @@ impl<'a> Search<'a> {
         let all: Vec<usize> = (0..fit.hypothesis.x.len()).collect();
         fit.jacobian = self.problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, &fit.errors, &all)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
-        Fit { hypothesis, jacobian: Vec::new(), ..fit }.finish(&self.problem, scale, None)
+        Ok(self.judge(Fit { hypothesis, jacobian: Vec::new(), ..fit }.finish(&self.problem, scale, None)?))
+    }
+
+    /// A fit as it is compared with others.
+    pub fn judge(&self, fit: Fit) -> Fit {
+        Fit { judged: self.problem.judged(&fit, &self.mobility), ..fit }
     }
 
     /// How much larger the errors are than the noises make them; at least one.
@@ -113,7 +130,7 @@ impl<'a> Search<'a> {
         let hypothesis = &fit.hypothesis;
         let widths: f64 = hypothesis.fitted.iter().map(|f| f.prior[1].ln()).sum();
         let volume = nalgebra::Cholesky::new(fit.normal(scale).0).map_or(f64::NEG_INFINITY, |c| -c.l().diagonal().map(f64::ln).sum());
-        -0.5 * fit.squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
+        -0.5 * fit.judged / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
     }
 
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.
@@ -128,7 +145,7 @@ impl<'a> Search<'a> {
             };
             for place in places {
                 let at = place.unwrap_or(0);
-                let skip = !observable(description.name, self.commanded[at])
+                let skip = !observable(description.name, self.seen[at])
                     || description.acts == Acts::Losses && !self.wears(base, at)
                     || base
                         .hypothesis
@@ -168,34 +185,43 @@ impl<'a> Search<'a> {
                 worth.is_finite().then_some(Screened { linear, effect: name, joint: place, hypothesis, worth })
             })
             .collect();
-        let mut best: BTreeMap<(&str, Option<usize>), Screened> = BTreeMap::new();
+        // What was fitted in the linear response has one best start; of others the second may lead further.
+        let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
         for candidate in screened.into_iter().flatten() {
-            let key = (candidate.effect, candidate.joint);
-            if best.get(&key).is_none_or(|b| candidate.worth > b.worth) {
-                best.insert(key, candidate);
-            }
+            best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
         }
-        let mut ranked: Vec<Screened> = best.into_values().collect();
-        ranked.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+        let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
+        for starts in &mut ranked {
+            starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+            starts.truncate(if starts[0].linear { 1 } else { STARTS });
+        }
+        ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
         ranked.truncate(SEMIFINALISTS);
         // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
-        let most = ranked.first().map_or(0.0, |r| r.worth);
+        let most = ranked.first().map_or(0.0, |r| r[0].worth);
         let mut place = 0;
         ranked.retain(|r| {
             place += 1;
-            (r.worth > -NEAR || !r.linear) && (place <= 4 || r.worth > HOPE * most)
+            (r[0].worth > -NEAR || !r[0].linear) && (place <= 4 || r[0].worth > HOPE * most)
         });
         let quick = Effort { rounds: 2, enough: 0.5 };
         let mut ranked: Vec<Candidate> = ranked
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
             .into_par_iter()
             .filter_map(|screened| {
-                let fit = Fit::start(&self.problem, screened.hypothesis).ok()?;
+                let mut fit = Fit::start(&self.problem, screened.hypothesis).ok()?;
+                // Judged at the end; until then beside the base.
+                fit.judged = base.judged + fit.squares - base.squares;
                 let fit = fit.improve(&self.problem, scale, quick, Some(&base.jacobian)).ok()?;
                 let evidence = self.evidence(&fit, scale);
                 evidence.is_finite().then_some(Candidate { effect: screened.effect, joint: screened.joint, fit, evidence })
             })
             .collect();
         ranked.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut seen = BTreeSet::new();
+        ranked.retain(|c| seen.insert((c.effect, c.joint)));
         let fall = |c: &Candidate| base.squares - c.fit.squares;
         let most = ranked.first().map_or(0.0, fall);
         // What an exact fit has not brought near the base model's evidence yet will not be convincing.
@@ -207,13 +233,13 @@ impl<'a> Search<'a> {
             .into_par_iter()
             .filter_map(|candidate| {
                 let fit = candidate.fit.finish(&self.problem, scale, Some(&base.jacobian)).ok()?;
-                let evidence = self.evidence(&fit, scale);
-                Some(Candidate { fit, evidence, ..candidate })
+                Some(Candidate { fit, ..candidate })
             })
             .collect();
         let mut all = finished;
         all.extend(rest);
-        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut all: Vec<Candidate> = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
+        self.rank(&mut all, scale);
         Ok(all)
     }
 
@@ -325,14 +351,15 @@ impl<'a> Search<'a> {
         let model = &base.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
         let link = &model.links[joint.child].inertial;
-        let inputs = self.problem.trajectories.iter().flat_map(|t| t.input.iter().skip(j).step_by(t.joints)).filter(|u| u.is_finite());
+        // What the drive makes of its command, not the command.
+        let efforts = runs.iter().flat_map(|r| r.tau.iter().skip(j).step_by(self.names.len())).filter(|u| u.is_finite());
         let p = link.p_LoLcm;
         JointView {
             force: binned(&rows, low, high).max(1e-6),
             speed: rms(2),
             range: [low, high],
             inertia: self.inertias[j],
-            input: inputs.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
+            effort: efforts.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
             places: places(&rows, low, high),
             cycles: cycles(&rows, low, high),
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
@@ -349,6 +376,23 @@ fn reached(model: &ObjectModel, joint: usize, trajectories: &[Trajectory], colum
     let limits = &model.joints[joint].limits;
     let margin = 0.002 * limits.range().min(10.0);
     trajectories.iter().flat_map(|t| t.positions(column)).any(|y| y < limits.lower + margin || y > limits.upper - margin)
+}
+
+/// Share of a joint's way forth that it may go back, and the time over which ways are measured, s: over less, noise goes both ways.
+const BACK: f64 = 0.1;
+const STRIDE: f64 = 0.25;
+
+/// Does a joint go one way only?
+fn one_way(trajectories: &[Trajectory], joint: usize) -> bool {
+    let (mut up, mut down) = (0.0, 0.0);
+    for trajectory in trajectories {
+        let stride = ((STRIDE / trajectory.period()).round() as usize).max(1);
+        let seen: Vec<f64> = trajectory.positions(joint).filter(|y| y.is_finite()).step_by(stride).collect();
+        for change in seen.windows(2).map(|w| w[1] - w[0]) {
+            if change > 0.0 { up += change } else { down -= change }
+        }
+    }
+    f64::min(up, down) < BACK * f64::max(up, down)
 }
 
 const BINS: usize = 40;

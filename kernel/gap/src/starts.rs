@@ -15,8 +15,8 @@ pub(crate) struct JointView {
     pub range: [f64; 2],
     /// Inertia that a drive at the joint feels.
     pub inertia: f64,
-    /// Greatest input.
-    pub input: f64,
+    /// Greatest effort of its drive, N m or N.
+    pub effort: f64,
     /// Positions at which the lacking force stands out, the most conspicuous first.
     pub places: Vec<f64>,
     /// Cycles a turn at which the lacking force repeats, the strongest first.
@@ -90,14 +90,15 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
                 let k = m * share * (1.0 - share).max(0.1) * (TAU * hz).powi(2);
                 vec![k, 0.1 * k / (TAU * hz), share * m, 0.0]
             };
-            [2.5, 5.0, 10.0, 20.0, 40.0].iter().flat_map(|hz| each(&|share| start(*hz, share), &rotors)).collect()
+            // A mode is seen within a third of its frequency.
+            [2.5, 3.8, 5.7, 8.5, 13.0, 19.0, 28.0, 42.0].iter().flat_map(|hz| each(&|share| start(*hz, share), &rotors)).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
         "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),
         "actuator_lag" => each(&|t| vec![t], &[h.max(0.004), 0.015]),
         "armature_inertia" => vec![vec![0.1 * m]],
         "torque_gain" => vec![vec![0.05]],
-        "actuator_saturation" => each(&|s| vec![s * view.input], &[0.85, 0.6]),
+        "actuator_saturation" => each(&|s| vec![s * view.effort], &[0.9, 0.65, 0.4, 0.2]),
         "payload" => {
             let [x, y, z] = view.p_LoLcm;
             vec![vec![0.2 * view.mass, x, y, z]]
@@ -122,8 +123,18 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
     }
 }
 
-/// Can the effect show in data of a joint that a command drove, or did not? A measured effort is what reached the joint: of the drive before
-/// it, it says nothing.
-pub(crate) fn observable(effect: &str, commanded: bool) -> bool {
-    commanded || channel(effect) != "actuator"
+/// What decides which effects data can show on a joint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    /// A command drove it.
+    pub commanded: bool,
+    /// It went one way only.
+    pub one_way: bool,
+}
+
+/// Can the effect show in such data? A measured effort is what reached the joint: of the drive before it, it says nothing. Where a joint
+/// went one way only, a friction that changes with the place or the load is a force that does: the plainer thing is said.
+pub(crate) fn observable(effect: &str, seen: Seen) -> bool {
+    let both_ways = matches!(effect, "position_dependent_friction" | "load_dependent_friction" | "asymmetric_friction");
+    (seen.commanded || channel(effect) != "actuator") && !(both_ways && seen.one_way)
 }

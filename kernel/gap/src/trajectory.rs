@@ -8,6 +8,7 @@ use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::GapError;
 use crate::noise;
+use crate::plant::Plant;
 
 /// Times closer than this are one, s.
 const SAME_TIME: f64 = 1e-6;
@@ -21,6 +22,8 @@ const BURN_IN: usize = 10;
 /// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
 const REST: f64 = 0.2;
 const STILL: f64 = 1.5;
+/// It may be at rest where its velocity is less than so many times what the noise of its measured effort makes of one row.
+const STOPPED: f64 = 3.0;
 
 /// What moves a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +98,7 @@ impl Trajectory {
     pub fn weigh(&mut self, model: &ObjectModel, noises: &[f64]) -> Result<(), GapError> {
         let names = joint_names(model)?;
         let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
-        self.counted = self.tested(noises);
+        self.counted = self.tested(noises, &self.stoppable(model)?);
         self.liveliness = self.by_row(noise::liveliness);
         self.strain = self.by_row(|t, j| noise::strain(t, j, law(j)));
         Ok(())
@@ -107,8 +110,20 @@ impl Trajectory {
         (0..self.rows()).flat_map(|k| by_joint.iter().map(move |l| l[k])).collect()
     }
 
-    /// Which positions a model is tested by, under noise of positions by joint.
-    fn tested(&self, noises: &[f64]) -> Vec<bool> {
+    /// Velocities below which the noise of its measured effort may stop a joint or keep it going, rad/s or m/s.
+    ///
+    /// The simulator is driven by the measured effort. Dry friction makes of its noise what it does not make of the true one's: a joint
+    /// that stands is shaken loose.
+    fn stoppable(&self, model: &ObjectModel) -> Result<Vec<f64>, GapError> {
+        let n = self.joints;
+        let alone = std::slice::from_ref(self);
+        let plant = Plant::new(model, &vec![false; n], self.period())?;
+        let inverse = plant.inverse_mass_at(&noise::middle(alone, n));
+        Ok((0..n).map(|j| STOPPED * noise::of_efforts(alone, j) * inverse[j * n + j] * self.period()).collect())
+    }
+
+    /// Which positions a model is tested by, under noise of positions and velocities that are as good as none, by joint.
+    fn tested(&self, noises: &[f64], stoppable: &[f64]) -> Vec<bool> {
         let (n, rows) = (self.joints, self.rows());
         let side = ((0.5 * REST / self.period()).round() as usize).max(3);
         let mut counted = vec![true; rows * n];
@@ -119,10 +134,14 @@ impl Trajectory {
             for (start, end) in self.starts.iter().copied().zip(ends.iter().copied()) {
                 for k in start..end {
                     let around = k.saturating_sub(side).max(start)..(k + side + 1).min(end);
-                    let seen: Vec<f64> = around.map(|i| self.position[i * n + j]).filter(|y| y.is_finite()).collect();
+                    let rows: Vec<usize> = around.filter(|i| self.position[i * n + j].is_finite()).collect();
+                    let seen: Vec<f64> = rows.iter().map(|i| self.position[i * n + j]).collect();
+                    let moved = rows.last().zip(rows.first()).map_or(0.0, |(b, a)| {
+                        (self.position[b * n + j] - self.position[a * n + j]) / (self.time[*b] - self.time[*a]).max(SAME_TIME)
+                    });
                     let mean = seen.iter().sum::<f64>() / seen.len() as f64;
                     let spread = (seen.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / seen.len() as f64).sqrt();
-                    counted[k * n + j] = k >= start + BURN_IN && spread > STILL * noise;
+                    counted[k * n + j] = k >= start + BURN_IN && spread > STILL * noise && moved.abs() > stoppable[j];
                 }
             }
         }

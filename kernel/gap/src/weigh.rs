@@ -7,9 +7,10 @@ use crate::GapError;
 use crate::fit::{Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
+use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Disturbance;
 use crate::response::Response;
-use crate::search::{Candidate, FLOOR, Search};
+use crate::search::{Candidate, FLOOR, Search, entries};
 use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
@@ -21,6 +22,11 @@ const SAME: f64 = 0.5 * FLOOR;
 pub(crate) const MATERIAL: f64 = FLOOR;
 const TRIFLE: f64 = 0.1 * FLOOR;
 const FALL: f64 = 0.7;
+/// Beside other names: the share to which it makes the gap fall, and the force from which on that is not asked.
+const SMALLER: f64 = 0.97;
+const LARGE: f64 = 0.1;
+/// Share of the time between rows that stamps are off by.
+const JITTER: f64 = 0.1;
 /// Share of a rich effect's fall of squares that a plain one needs to be tried with a second.
 const PLAIN: f64 = 0.6;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
@@ -29,7 +35,7 @@ const MOST_NOISE: f64 = 8.0;
 impl Search<'_> {
     /// Fits anew from where a fit stands.
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        Fit::start(&self.problem, fit.hypothesis.clone())?.finish(&self.problem, scale, None)
+        Ok(self.judge(Fit::start(&self.problem, fit.hypothesis.clone())?.finish(&self.problem, scale, None)?))
     }
 
     pub fn rank(&self, candidates: &mut [Candidate], scale: f64) {
@@ -91,14 +97,29 @@ impl Search<'_> {
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by, or it adds up to a good part of the gap: a small loss
-    /// does over a long swing. `force` is [`Self::force_between`] the two fits.
+    /// does over a long swing. `force` is [`Self::force_between`] the two fits. Beside other names it has to make the gap smaller, unless its
+    /// force is large: where a model sticks or hits something, few rows are off by much whatever is added.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
-        if !(TRIFLE..MATERIAL).contains(&force) {
-            return Ok(force >= MATERIAL);
+        let first = entries(&less.hypothesis).is_empty();
+        if force < TRIFLE || self.shifts_little(more) {
+            return Ok(false);
+        }
+        if force >= LARGE || force >= MATERIAL && first {
+            return Ok(true);
         }
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
-        Ok(gap(more) < FALL * gap(less))
+        Ok(gap(more) < if force < MATERIAL { FALL } else { SMALLER } * gap(less))
+    }
+
+    /// Is a fit's last effect a shift in time that stamps and steps of any source are off by?
+    fn shifts_little(&self, fit: &Fit) -> bool {
+        let hypothesis = &fit.hypothesis;
+        let Some(last) = entries(hypothesis).last().copied() else { return false };
+        let time = |f: &Fitted| matches!(f.knob, Knob::Effect(e, "skew" | "delay" | "time_constant") if e == last) && f.unit == "s";
+        let shifts = matches!(hypothesis.model.document.effects[last].effect.as_str(), "clock_skew" | "transport_delay" | "actuator_lag");
+        let at = hypothesis.fitted.iter().position(time);
+        shifts && at.is_some_and(|i| hypothesis.fitted[i].value(hypothesis.x[i]).abs() < JITTER * self.problem.period)
     }
 
     /// Share of the squared errors, beyond noise, that one fit takes away from another's.
@@ -143,13 +164,19 @@ impl Search<'_> {
     /// The disturbance under which a fit's errors are most likely, if that is not the one assumed.
     pub fn likelier_noise(&self, fit: &Fit) -> Result<Option<Disturbance>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let now = &self.problem.disturbance;
+        let mut now = self.problem.disturbance.clone();
+        for (j, effort) in now.effort.iter_mut().enumerate().filter(|(_, e)| **e > 0.0) {
+            if let Some(share) = self.problem.share_of_noise(fit, j, self.jitter[j]) {
+                *effort = share.sqrt() * self.jitter[j];
+            }
+        }
         // How often the floor has been raised already.
         let raised = now.share[0] / FLOOR;
         let mobility = self.problem.mobility(&plant);
-        let behind = |factors: [f64; 3]| now.times(factors).behind(&mobility);
+        let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility);
         let factors = likely_noise(&plant, self.problem.trajectories, &behind, [1.0, MOST_NOISE / raised]);
-        Ok((factors != [1.0; 3]).then(|| now.times(factors)))
+        let likelier = now.times(factors);
+        Ok((likelier != self.problem.disturbance).then_some(likelier))
     }
 
     pub fn with_noise(self, disturbance: Disturbance) -> Self {

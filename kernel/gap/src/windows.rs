@@ -4,12 +4,13 @@
 //! alone from there. The figures are root mean squares over samples, by joint; pooled over joints, the RMS of each joint's figure in
 //! shares of its range. A window that diverges counts as the joint's range.
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::GapError;
+use crate::noise;
 use crate::observer::{self, Gains, Noise, Run};
 use crate::plant::{Motion, Plant};
 use crate::trajectory::{Drive, Trajectory};
@@ -48,22 +49,20 @@ pub(crate) struct Smoothed {
 /// Factors on the noises among which the most likely are taken.
 const ACCELERATIONS: [f64; 12] = [0.05, 0.15, 0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 const POSITIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
-/// What a drive really does from sample to sample looks like noise of its effort.
-const EFFORTS: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 
 /// No bounds.
 const ANY: [f64; 2] = [0.0, f64::INFINITY];
 
-/// Factors on the noises of positions, accelerations and efforts under which a plant's prediction errors are most likely, that on
+/// Factors on the noises of positions and accelerations under which a plant's prediction errors are most likely, that on
 /// accelerations within `range`: a model that lacks something is trusted less. Noise of positions that is not white hides from
 /// neighbouring samples, so it is asked about here, too. `noise` are the filter's at factors.
 pub(crate) fn likely_noise(
     plant: &Plant,
     trajectories: &[Trajectory],
-    noise: &(dyn Fn([f64; 3]) -> Noise + Sync),
+    noise: &(dyn Fn([f64; 2]) -> Noise + Sync),
     range: [f64; 2],
-) -> [f64; 3] {
-    let cost = |factors: [f64; 3]| -> f64 {
+) -> [f64; 2] {
+    let cost = |factors: [f64; 2]| -> f64 {
         let one = |trajectory: &Trajectory| {
             let gains = Gains::new(trajectory, &noise(factors));
             let mut errors = Vec::new();
@@ -73,14 +72,10 @@ pub(crate) fn likely_noise(
         trajectories.par_iter().map(one).sum()
     };
     // Along one, then along the others: the cost has one valley.
-    let mut best = (cost([1.0; 3]), [1.0; 3]);
-    let efforts = noise([1.0; 3]) != noise([1.0, 1.0, 0.0]);
+    let mut best = (cost([1.0; 2]), [1.0; 2]);
     for _ in 0..2 {
         let before = best.1;
-        for (along, factors) in [&POSITIONS[..], &ACCELERATIONS[..], &EFFORTS[..]].into_iter().enumerate() {
-            if along == 2 && !efforts {
-                continue;
-            }
+        for (along, factors) in [&POSITIONS[..], &ACCELERATIONS[..]].into_iter().enumerate() {
             let mut worse = 0;
             for factor in factors.iter().filter(|f| along != 1 || (range[0]..=range[1]).contains(*f)) {
                 let mut tried = best.1;
@@ -107,9 +102,7 @@ pub(crate) fn likely_noise(
 impl Noise {
     /// The same, as large as makes a plant's prediction errors most likely.
     pub fn likely(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        let at = |[position, acceleration, _]: [f64; 3]| self.times([position, acceleration]);
-        let [position, acceleration, _] = likely_noise(plant, trajectories, &at, ANY);
-        self.times([position, acceleration])
+        self.times(likely_noise(plant, trajectories, &|factors| self.times(factors), ANY))
     }
 }
 
@@ -244,6 +237,12 @@ impl Smoothed {
         Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled: pooled(&rmse, ranges), rmse }
     }
 
+    /// Is a motion further from the measured one than the joints' ranges?
+    fn is_lost(&self, motion: &Motion, index: usize, row: usize, ranges: &[f64]) -> bool {
+        let measured = &self.runs[index].q[row * ranges.len()..];
+        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| !((q - y).abs() <= *range))
+    }
+
     /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
     /// The motion is put back on the measured one every few windows, so that it stays where the data are.
     pub fn invent(
@@ -251,14 +250,11 @@ impl Smoothed {
         plant: &Plant,
         trajectories: &[Trajectory],
         (noise, efforts): (&Noise, &[f64]),
-        length: f64,
+        (length, ranges): (f64, &[f64]),
         seed: u64,
-    ) -> Result<Vec<Trajectory>, GapError> {
+    ) -> Vec<Trajectory> {
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut normal = move || {
-            let (a, b): (f64, f64) = (random.random(), random.random());
-            (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-        };
+        let mut normal = move || noise::normal(&mut random);
         let mut motion = plant.motion();
         let mut invented = trajectories.to_vec();
         for (index, trajectory) in invented.iter_mut().enumerate() {
@@ -267,13 +263,14 @@ impl Smoothed {
             let mut until = f64::NEG_INFINITY;
             trajectory.starts.clear();
             for k in 0..original.rows() {
-                if original.starts.contains(&k) || original.time[k] >= until {
+                let anew = original.starts.contains(&k) || original.time[k] >= until;
+                // What gets lost on its way, pushed by noise, begins anew as well.
+                if anew || plant.interval(&mut motion, &original, k - 1).is_err() || self.is_lost(&motion, index, k, ranges) {
                     self.set(&mut motion, &original, index, k);
                     trajectory.starts.push(k);
                     until = original.time[k] + 4.0 * length;
                 } else {
                     let h = original.time[k] - original.time[k - 1];
-                    plant.interval(&mut motion, &original, k - 1)?;
                     for j in 0..n {
                         let push = noise.acceleration(&original, k, j) * normal();
                         motion.state.v[j] += h * push;
@@ -292,6 +289,6 @@ impl Smoothed {
                 }
             }
         }
-        Ok(invented)
+        invented
     }
 }

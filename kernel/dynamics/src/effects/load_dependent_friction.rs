@@ -3,6 +3,9 @@
 
 use super::{Description, Instant, Law, Number, Parameter, Resistance, around, unit};
 
+/// With one, nothing that pushes moves the joint: it locks itself.
+const SELF_LOCKING: [f64; 2] = [0.0, 0.95];
+
 #[derive(Debug)]
 pub(super) struct LoadDependentFriction;
 
@@ -10,7 +13,7 @@ static DESCRIPTION: Description = Description {
     name: "load_dependent_friction",
     summary: "dry friction in proportion to the force through the joint: load_coefficient |u - tau_load| sgn(v)",
     // 5 to 20 %.
-    parameters: &[Parameter::new("load_coefficient", unit::ONE, [0.0, 10.0], [around(0.1, 0.45), around(0.1, 0.45)])],
+    parameters: &[Parameter::new("load_coefficient", unit::ONE, SELF_LOCKING, [around(0.1, 0.45), around(0.1, 0.45)])],
     signature: "friction follows the load",
     confused_with: &["stribeck_friction", "torque_gain"],
     experiment: "another payload",

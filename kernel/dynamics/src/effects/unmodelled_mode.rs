@@ -8,7 +8,10 @@
 
 use nalgebra::Vector3;
 
-use super::{ABOVE_ZERO, Acts, Description, Law, Parameter, Partial, Prior, SIZE, Sway, around, unit};
+use super::{ABOVE_ZERO, Acts, Description, Law, Parameter, Partial, Prior, Sway, around, unit};
+
+/// With more of it nothing swings: it is a loss, and has another name.
+const SWINGS: [f64; 2] = [0.0, 0.7];
 
 #[derive(Debug)]
 pub(super) struct UnmodelledMode;
@@ -19,7 +22,7 @@ static DESCRIPTION: Description = Description {
     acts: Acts::Base,
     parameters: &[
         Parameter::new("frequency", ["Hz", "Hz"], [1e-3, 1e4], [around(8.0, 0.8), around(8.0, 0.8)]),
-        Parameter::new("damping_ratio", unit::ONE, SIZE, [around(0.03, 0.8), around(0.03, 0.8)]),
+        Parameter::new("damping_ratio", unit::ONE, SWINGS, [around(0.03, 0.8), around(0.03, 0.8)]),
         Parameter::new("mass", ["kg", "kg"], ABOVE_ZERO, [around(30.0, 1.0), around(30.0, 1.0)]),
         Parameter {
             words: &["x", "y", "z"],

@@ -1,0 +1,76 @@
+//! What noisy efforts, drives and sensors do to the weight of a model.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use sagci_model::ObjectModel;
+use sagci_recording::Log;
+
+use crate::noise::normal;
+use crate::plant::Plant;
+use crate::search::Search;
+use crate::tests::{door, swing, with};
+use crate::trajectory::Trajectory;
+use crate::{Options, find};
+
+/// Noise of the efforts, N m: some 40 % of what they are.
+const LOUD: f64 = 0.5;
+
+/// Swings of which the efforts were measured badly.
+fn badly_measured(truth: &ObjectModel, seeds: std::ops::Range<u64>) -> Vec<Log> {
+    let spoil = |seed: u64| {
+        let mut log = swing(truth, 1e-4, seed);
+        let mut random = Pcg64::seed_from_u64(100 + seed);
+        log.joints[0].effort.as_mut().unwrap().value.iter_mut().for_each(|u| *u += LOUD * normal(&mut random));
+        log
+    };
+    seeds.map(spoil).collect()
+}
+
+fn named(truth: &ObjectModel, model: &ObjectModel) -> Vec<String> {
+    let options = Options { baselines: false, ..Options::default() };
+    let found = find(model, &badly_measured(truth, 1..4), &badly_measured(truth, 5..6), &options).unwrap();
+    found.report.effects.into_iter().map(|e| e.name).collect()
+}
+
+/// A model that does not hear the noise fits better than one that is right.
+#[test]
+fn noise_of_efforts_has_no_name() {
+    let model = door();
+    assert_eq!(named(&model, &model), Vec::<String>::new());
+}
+
+#[test]
+fn beside_noisy_efforts_a_friction_is_named_alone() {
+    let model = door();
+    let truth = with(&model, "coulomb_friction", &[("friction", 0.6)]);
+    assert_eq!(named(&truth, &model), ["coulomb_friction"]);
+}
+
+/// An error would weigh nothing where a drive is at its limit, and everything elsewhere.
+#[test]
+fn a_drive_at_its_limit_is_no_heavier() {
+    let free = Plant::new(&door(), &[false], 1e-3).unwrap();
+    let limited = Plant::new(&with(&door(), "actuator_saturation", &[("limit", 0.1)]), &[false], 1e-3).unwrap();
+    assert_eq!(free.mobility(&[0.5], 0.005, &[2.0]), limited.mobility(&[0.5], 0.005, &[2.0]));
+}
+
+#[test]
+fn an_encoder_that_shows_more_shows_more_noise() {
+    let mobility = |model: &ObjectModel| Plant::new(model, &[false], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0])[0];
+    let scaled = with(&door(), "encoder_offset", &[("offset", 0.0), ("scale_error", 0.1)]);
+    let ratio = mobility(&scaled) / mobility(&door());
+    assert!((ratio - 1.1).abs() < 1e-3, "{ratio}");
+}
+
+/// Pulled open and left there, a door cannot tell a friction by place from a spring.
+#[test]
+fn one_way_is_told_from_both() {
+    let model = door();
+    let both = [Trajectory::new(&swing(&model, 1e-4, 1), &model).unwrap()];
+    let mut log = swing(&model, 1e-4, 1);
+    let series = &mut log.joints[0].position;
+    series.value = series.time.iter().map(|t| 0.1 + 0.08 * t).collect();
+    let one = [Trajectory::new(&log, &model).unwrap()];
+    assert!(!Search::new(&model, &both).unwrap().seen[0].one_way && Search::new(&model, &one).unwrap().seen[0].one_way);
+}
