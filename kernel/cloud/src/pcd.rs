@@ -111,7 +111,9 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
                 return Err(Fault::new(format!("is cut off: it says that it has {packed} compressed bytes, but holds {held}")));
             };
             if size.checked_mul(n) != Some(unpacked) {
-                return Err(Fault::new(format!("contradicts itself: {n} points of {size} bytes are not the {unpacked} bytes that it unpacks to")));
+                return Err(Fault::new(format!(
+                    "contradicts itself: {n} points of {size} bytes are not the {unpacked} bytes that it unpacks to"
+                )));
             }
             let columns = lzf::unpack(bytes, unpacked)?;
             // Field by field, not point by point.

@@ -68,7 +68,9 @@ fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, usize, usize), Fault> {
                     other => return Err(Fault::at(line, format!("the format '{}' is not read", excerpt(other)))),
                 });
             }
-            ["element", name, n] => elements.push(Element { name: name.to_owned(), count: count(n, line, "elements")?, properties: Vec::new() }),
+            ["element", name, n] => {
+                elements.push(Element { name: name.to_owned(), count: count(n, line, "elements")?, properties: Vec::new() })
+            }
             ["property", ref property @ ..] => {
                 let Some(element) = elements.last_mut() else { return Err(Fault::at(line, "a property stands before any element")) };
                 element.properties.push(match *property {
@@ -114,7 +116,8 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
                 return Err(cut(body.len() / size.max(1)));
             }
             let offsets = [x, y, z].map(|k| {
-                let before = element.properties[..k].iter().map(|p| if let Property::Scalar(_, n) = p { n.size() } else { 0 }).sum::<usize>();
+                let before =
+                    element.properties[..k].iter().map(|p| if let Property::Scalar(_, n) = p { n.size() } else { 0 }).sum::<usize>();
                 let kind = if let Property::Scalar(_, n) = &element.properties[k] { *n } else { Number::F32 };
                 (before, kind)
             });

@@ -28,10 +28,8 @@ mod simulate;
 
 pub use effect::{CATALOGUE, Circumstances, OUTSIDE, channels, indistinguishable};
 pub use error::EvaluationError;
-pub use perception::{
-    AnsweredJoint, Case, CloudAnswer, PerceptionOptions, PerceptionRow, PerceptionTable, case, judge_perception,
-};
 pub use oracle::{Detectability, VISIBLE};
+pub use perception::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, PerceptionRow, PerceptionTable, case, judge_perception};
 pub use runner::{Options, Suite, run};
 pub use scenario::{Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw, to_csv};
 pub use score::{Gap, Judgement, Row, Table, judge, table};

@@ -1,3 +1,5 @@
+use std::f64::consts::PI;
+
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::camera::{Camera, cast};
@@ -52,7 +54,7 @@ pub struct Labelled {
 pub fn look(object: &Object, look: &Look, random: &mut Random) -> Labelled {
     let X_WF = Isometry3::from_parts(
         Translation3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.pick([0.0, 0.0, 0.75, 1.3])),
-        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.between(-3.141_59, 3.141_59)),
+        UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.between(-PI, PI)),
     );
     let (low, high) = object.bounds();
     let center = nalgebra::center(&low, &high);

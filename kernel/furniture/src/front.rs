@@ -71,13 +71,27 @@ impl Cell {
     /// Parts of its width, from right to left, by shares that sum to one.
     pub(crate) fn columns(&self, shares: &[f64]) -> Vec<Self> {
         let mut at = self.y[0];
-        shares.iter().map(|s| { let from = at; at += s * self.width(); Self { y: [from, at], ..*self } }).collect()
+        shares
+            .iter()
+            .map(|s| {
+                let from = at;
+                at += s * self.width();
+                Self { y: [from, at], ..*self }
+            })
+            .collect()
     }
 
     /// Parts of its height, from below, by shares that sum to one.
     pub(crate) fn rows(&self, shares: &[f64]) -> Vec<Self> {
         let mut at = self.z[0];
-        shares.iter().map(|s| { let from = at; at += s * self.height(); Self { z: [from, at], ..*self } }).collect()
+        shares
+            .iter()
+            .map(|s| {
+                let from = at;
+                at += s * self.height();
+                Self { z: [from, at], ..*self }
+            })
+            .collect()
     }
 }
 
@@ -160,14 +174,16 @@ impl<'r> Builder<'r> {
             };
             match free {
                 Edge::Left | Edge::Right => {
-                    let (body, notch) = if free == Edge::Left { ([y0, y1 - strip], [y1 - strip, y1]) } else { ([y0 + strip, y1], [y0, y0 + strip]) };
+                    let (body, notch) =
+                        if free == Edge::Left { ([y0, y1 - strip], [y1 - strip, y1]) } else { ([y0 + strip, y1], [y0, y0 + strip]) };
                     push(body, [z0, z1], x1);
                     push(notch, [z0, from], x1);
                     push(notch, [to, z1], x1);
                     push(notch, [from, to], thin);
                 }
                 Edge::Bottom | Edge::Top => {
-                    let (body, notch) = if free == Edge::Top { ([z0, z1 - strip], [z1 - strip, z1]) } else { ([z0 + strip, z1], [z0, z0 + strip]) };
+                    let (body, notch) =
+                        if free == Edge::Top { ([z0, z1 - strip], [z1 - strip, z1]) } else { ([z0 + strip, z1], [z0, z0 + strip]) };
                     push([y0, y1], body, x1);
                     push([y0, from], notch, x1);
                     push([to, y1], notch, x1);

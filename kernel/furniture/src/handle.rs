@@ -8,15 +8,33 @@ use crate::random::Random;
 pub(crate) enum Handle {
     None,
     /// A bar on two posts: its length as a share of the edge, its radius, how far it stands off.
-    Bar { share: f64, radius: f64, off: f64, round: bool },
+    Bar {
+        share: f64,
+        radius: f64,
+        off: f64,
+        round: bool,
+    },
     /// A knob by radius and length.
-    Knob { radius: f64, length: f64 },
+    Knob {
+        radius: f64,
+        length: f64,
+    },
     /// A lever on a rose: length and distance from the panel.
-    Lever { length: f64, off: f64 },
+    Lever {
+        length: f64,
+        off: f64,
+    },
     /// A strip along the free edge that stands out.
-    Lip { share: f64, deep: f64, wide: f64 },
+    Lip {
+        share: f64,
+        deep: f64,
+        wide: f64,
+    },
     /// A notch in the free edge: its length as a share of the edge, its width.
-    Notch { share: f64, wide: f64 },
+    Notch {
+        share: f64,
+        wide: f64,
+    },
 }
 
 impl Handle {

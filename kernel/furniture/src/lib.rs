@@ -24,7 +24,7 @@ mod random;
 
 pub use camera::{Camera, Hit, cast};
 pub use cloud::{Labelled, Look, look};
-pub use family::{FAMILIES, Family, families};
+pub use family::{FAMILIES, Family, STILL, families};
 pub use noise::Noise;
 pub use object::{Category, Class, Form, Joint, Kind, Object, Part, Solid};
 pub use random::Random;

@@ -100,7 +100,8 @@ impl Noise {
     /// A pose as the arm believes it.
     pub(crate) fn believed(&self, X_WC: &Isometry3<f64>, random: &mut Random) -> Isometry3<f64> {
         let mut three = || Vector3::new(random.normal(), random.normal(), random.normal());
-        let error = Isometry3::from_parts(Translation3::from(three() * self.position), UnitQuaternion::from_scaled_axis(three() * self.angle));
+        let error =
+            Isometry3::from_parts(Translation3::from(three() * self.position), UnitQuaternion::from_scaled_axis(three() * self.angle));
         X_WC * error
     }
 }

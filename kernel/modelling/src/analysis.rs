@@ -63,7 +63,7 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Analysis, ModellingError> {
     let mut local: Vec<normal::Local> = kept.iter().map(|i| local[*i]).collect();
     let noise = noise(&local);
     let world: Vec<Point3<f64>> = kept.iter().map(|i| thinned.points[*i]).collect();
-    let yaw = frame::yaw(&world, &local, noise.max(0.002));
+    let yaw = frame::yaw(&local, noise.max(0.002));
     let R_AW = frame::upright(yaw);
     let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
     local.iter_mut().for_each(|l| l.normal = R_AW * l.normal);

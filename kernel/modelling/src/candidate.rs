@@ -144,7 +144,12 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
             features: Vec::new(),
         };
         let handle = grip.map_or([0.0; 4], |(at, spread)| {
-            [1.0, (at - s.center).dot(&axis) * 5.0, spread.y / (spread.y + spread.z + 1e-3), (at.z - s.low.z) / (s.high.z - s.low.z).max(0.02)]
+            [
+                1.0,
+                (at - s.center).dot(&axis) * 5.0,
+                spread.y / (spread.y + spread.z + 1e-3),
+                (at.z - s.low.z) / (s.high.z - s.low.z).max(0.02),
+            ]
         });
         let free = from_rest(&s.center);
         push(&mut all, c, &[back * 2.0, free * 5.0, handle[0], handle[1], handle[2], handle[3]]);

@@ -1,6 +1,6 @@
 //! What the network makes of an analysis: which side is the front, which superpoints are one part, and how each part moves.
 
-use nalgebra::{Point3, Rotation3, Unit, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
 
 use crate::ModellingError;
 use crate::analysis::Analysis;
@@ -72,14 +72,8 @@ pub(crate) struct Decision {
     pub(crate) parts: Vec<Moving>,
     /// How sure the body is.
     pub(crate) body_confidence: f64,
-    /// From W's axes to K's.
-    pub(crate) R_KW: Rotation3<f64>,
     /// Probability of the most likely part that was not taken for one.
     pub(crate) doubt: f64,
-}
-
-fn sigmoid(x: f32) -> f64 {
-    1.0 / (1.0 + (-f64::from(x)).exp())
 }
 
 /// Asks the network about all four sides, and about the front in full.
@@ -100,7 +94,6 @@ pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision,
     let Some((_, side, trunk)) = best else {
         return Err(ModellingError::TooFew { finite: 0, total: 0, least: crate::prepare::LEAST });
     };
-    let R_KW = side.posed.R_KA * analysis.R_AW;
     let mut network = Network::new(&mut plain);
     let mut classes = network.classes(&trunk)?;
     softmax_rows(&mut classes);
@@ -127,8 +120,8 @@ pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision,
         }
     }
     // The larger ones first: names count from there.
-    parts.sort_by(|a, b| size(&b.pieces).cmp(&size(&a.pieces)));
-    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), R_KW, doubt })
+    parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
+    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), doubt })
 }
 
 /// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.
@@ -218,7 +211,6 @@ fn moving_part(
         motions.insert(0, chosen);
     }
     let sure = motions.first().map_or(0.0, |m| m.probability);
-    let _ = sigmoid;
     Moving {
         class: PartClass::ALL[best],
         confidence: (1.0 - fixed).clamp(0.0, 1.0),
@@ -265,12 +257,9 @@ fn motion(side: &Side<'_>, pieces: &[usize], c: &Candidate, residual: [f64; 2], 
     } else {
         origin = c.corrected(residual);
         let about = c.axis;
-        let (down, up) = (c.along, ());
-        let () = up;
+        let down = c.along;
         // Where the free end goes first when the part opens, and along what it lies when shut.
-        let lies = if about.z.abs() > 0.5 {
-            Vector3::y()
-        } else if about.x.abs() > 0.5 {
+        let lies = if about.y.abs() < 0.5 {
             Vector3::y()
         } else if lid {
             Vector3::x()
@@ -294,16 +283,15 @@ fn motion(side: &Side<'_>, pieces: &[usize], c: &Candidate, residual: [f64; 2], 
         if angle < -0.35 {
             angle += std::f64::consts::TAU;
         }
-        state = if angle < 0.03 || angle > 4.3 { 0.0 } else { angle };
-        let usual = if opens.z > 0.5 { 1.9 } else if about.z.abs() > 0.5 { 2.1 } else { 1.57 };
+        state = if (0.03..4.3).contains(&angle) { angle } else { 0.0 };
+        let usual = if opens.z > 0.5 {
+            1.9
+        } else if about.z.abs() > 0.5 {
+            2.1
+        } else {
+            1.57
+        };
         upper = f64::max(usual, state + 0.05);
     }
-    Motion {
-        slides: c.slides,
-        axis: Unit::new_normalize(R_WK * axis),
-        origin: R_WK * origin,
-        probability,
-        state,
-        upper,
-    }
+    Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper }
 }

@@ -2,14 +2,14 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector3};
 
 use crate::normal::Local;
 
 /// The yaw in 0..pi/2 about which most upright flat surface stands, rad.
 ///
 /// Normals vote in a histogram over the angle modulo a right angle; the peak is refined by the circular mean about it.
-pub(crate) fn yaw(points: &[Point3<f64>], local: &[Local], flat: f64) -> f64 {
+pub(crate) fn yaw(local: &[Local], flat: f64) -> f64 {
     const BINS: usize = 180;
     let mut votes = [0.0; BINS];
     let angle = |l: &Local| l.normal.y.atan2(l.normal.x).rem_euclid(FRAC_PI_2);
@@ -37,7 +37,6 @@ pub(crate) fn yaw(points: &[Point3<f64>], local: &[Local], flat: f64) -> f64 {
             at += sum / total;
         }
     }
-    let _ = points;
     at.rem_euclid(FRAC_PI_2)
 }
 

@@ -84,7 +84,7 @@ pub(crate) fn components(points: &[Point3<f64>], reach: f64) -> (Vec<u32>, Vec<u
 pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<(), ModellingError> {
     let kept: Vec<usize> = (0..points.len()).filter(|i| object[*i]).collect();
     let coarse: Vec<Point3<f64>> = kept.iter().map(|i| points[*i]).collect();
-    let (of, sizes) = components(&coarse, (0.08 * diagonal).clamp(0.03, 0.25));
+    let (of, sizes) = components(&coarse, (0.15 * diagonal).clamp(0.05, 0.4));
     let total = coarse.len();
     let large: Vec<usize> = sizes.iter().copied().filter(|s| *s * 8 > total).collect();
     if large.len() > 1 {

@@ -141,17 +141,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, part: Vec<i32>, name: 
         ..Document::default()
     };
     let model = ObjectModel { name: name.to_owned(), folder: std::path::PathBuf::new(), links, joints, document };
-    let report = Report {
-        schema: 1,
-        rigid,
-        reason,
-        frame: "world".to_owned(),
-        parts,
-        joints: reports,
-        notes,
-        seconds: Seconds::default(),
-    };
-    let _ = decision.R_KW;
+    let report = Report { schema: 1, rigid, reason, frame: "world".to_owned(), parts, joints: reports, notes, seconds: Seconds::default() };
     Perceived { report, part, model }
 }
 

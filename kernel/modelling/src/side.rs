@@ -42,7 +42,14 @@ impl<'a> Side<'a> {
 
     /// The candidate of a part that is nearest to a true joint (`axis` and `origin` in W), and the residual that is left; `None` if none is
     /// near.
-    pub fn target(&self, options: &Options, part: usize, slides: bool, axis: &Vector3<f64>, origin: &Point3<f64>) -> Option<(usize, [f64; 2])> {
+    pub fn target(
+        &self,
+        options: &Options,
+        part: usize,
+        slides: bool,
+        axis: &Vector3<f64>,
+        origin: &Point3<f64>,
+    ) -> Option<(usize, [f64; 2])> {
         let R = self.posed.R_KA * self.posed.analysis.R_AW;
         let (axis, origin) = (R * axis, R * origin);
         let mut best: Option<(usize, [f64; 2], f64)> = None;

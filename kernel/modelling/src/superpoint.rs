@@ -201,22 +201,25 @@ fn adopt(cloud: &[Point3<f64>], taken: &mut [bool], found: &mut [Superpoint], gr
 /// Cuts a flat piece along the deepest valley of its density, again and again.
 fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], scale: Scale, depth: usize, out: &mut Vec<Superpoint>) {
     let along = [(axis + 1) % 3, (axis + 2) % 3];
-    let mut best: Option<(f64, usize, f64)> = None;
+    let mut best: Option<(f64, usize, Line)> = None;
     if depth < 7 && piece.points.len() >= 80 {
         for (side, k) in along.into_iter().enumerate() {
-            if let Some((contrast, at)) = valley(&piece, k, cloud, scale)
+            if let Some((contrast, at)) = valley(&piece, k, along[1 - side], cloud, scale)
                 && best.is_none_or(|b| contrast > b.0)
             {
                 best = Some((contrast, side, at));
             }
         }
     }
-    let Some((contrast, side, at)) = best else {
+    let Some((contrast, side, line)) = best else {
         out.push(piece);
         return;
     };
     let k = along[side];
-    let (below, above): (Vec<u32>, Vec<u32>) = piece.points.iter().partition(|i| cloud[**i as usize][k] < at);
+    let (below, above): (Vec<u32>, Vec<u32>) = piece.points.iter().partition(|i| {
+        let p = cloud[**i as usize];
+        p[k] < line.at + line.lean * (p[along[1 - side]] - line.middle)
+    });
     for (points, end) in [(below, 1), (above, 0)] {
         let mut part = Superpoint::of(points, cloud, true);
         part.normal = piece.normal;
@@ -227,8 +230,8 @@ fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], scale: Scale, dept
     }
 }
 
-/// The deepest valley of a piece's density along an axis: how deep, as a share, and where.
-fn valley(piece: &Superpoint, k: usize, cloud: &[Point3<f64>], scale: Scale) -> Option<(f64, f64)> {
+/// The deepest valley of a piece's density along an axis: how deep, as a share, and where it runs.
+fn valley(piece: &Superpoint, k: usize, other: usize, cloud: &[Point3<f64>], scale: Scale) -> Option<(f64, Line)> {
     let bin = (0.8 * scale.spacing).max(0.003);
     let (low, high) = (piece.low[k], piece.high[k]);
     let bins = ((high - low) / bin) as usize;
@@ -236,31 +239,43 @@ fn valley(piece: &Superpoint, k: usize, cloud: &[Point3<f64>], scale: Scale) -> 
     if bins < 2 * border + 3 {
         return None;
     }
-    let mut counts = vec![0.0_f64; bins + 1];
-    for i in &piece.points {
-        let c = (cloud[*i as usize][k] - low) / bin;
-        if c >= 0.0 && c < bins as f64 {
-            counts[c as usize] += 1.0;
+    let middle = (piece.low[other] + piece.high[other]) / 2.0;
+    let mut best: Option<(f64, Line)> = None;
+    // The arm knows its camera's pose to some tenths of a degree: a gap a metre long may lean by millimetres.
+    for lean in [0.0, -0.004, 0.004] {
+        let mut counts = vec![0.0_f64; bins + 1];
+        for i in &piece.points {
+            let p = cloud[*i as usize];
+            let c = (p[k] - low - lean * (p[other] - middle)) / bin;
+            if c >= 0.0 && c < bins as f64 {
+                counts[c as usize] += 1.0;
+            }
         }
-    }
-    let mut best: Option<(f64, f64)> = None;
-    for b in border..bins - border {
-        // Against the ground on both sides, so that the edge of a window is no valley.
-        let side = |from: usize, to: usize| {
-            let mut window: Vec<f64> = counts[from..to].to_vec();
-            window.sort_by(f64::total_cmp);
-            window[window.len() / 2]
-        };
-        let width = border.max(4);
-        let ground = side(b.saturating_sub(width), b - 1).min(side(b + 2, (b + 2 + width).min(bins)));
-        let here = counts[b];
-        let depth = (ground - here) / ground.max(1.0);
-        let sure = (ground - here) / ground.max(1.0).sqrt();
-        if sure > 3.2 && depth > 0.4 && best.is_none_or(|x| depth > x.0) {
-            best = Some((depth, low + (b as f64 + 0.5) * bin));
+        for b in border..bins - border {
+            // Against the ground on both sides, so that the edge of a window is no valley.
+            let side = |from: usize, to: usize| {
+                let mut window: Vec<f64> = counts[from..to].to_vec();
+                window.sort_by(f64::total_cmp);
+                window[window.len() / 2]
+            };
+            let width = border.max(4);
+            let ground = side(b.saturating_sub(width), b - 1).min(side(b + 2, (b + 2 + width).min(bins)));
+            let depth = (ground - counts[b]) / ground.max(1.0);
+            let sure = (ground - counts[b]) / ground.max(1.0).sqrt();
+            if sure > 3.0 && depth > 0.38 && best.is_none_or(|x| depth > x.0 + 0.02) {
+                best = Some((depth, Line { at: low + (b as f64 + 0.5) * bin, lean, middle }));
+            }
         }
     }
     best
+}
+
+/// A line across a piece: where it is amid the piece, and how it leans.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    at: f64,
+    lean: f64,
+    middle: f64,
 }
 
 /// What is left, in lumps.

@@ -158,21 +158,15 @@ fn what_cannot_be_modelled_is_refused_with_a_reason() {
     assert!(matches!(error(&vec![Point3::new(1.0, 2.0, 3.0); 4000]), ModellingError::Flat { .. }));
     let line: Vec<Point3<f64>> = (0..4000).map(|i| Point3::new(f64::from(i) * 1e-3, f64::from(i) * 2e-3, 0.0)).collect();
     assert!(matches!(error(&line), ModellingError::Flat { .. }));
-    let two: Vec<Point3<f64>> = seen(Category::Microwave, 2)
-        .1
-        .points
-        .iter()
-        .flat_map(|p| [*p, p + Vector3::new(3.0, 0.0, 0.0)])
-        .collect();
+    let two: Vec<Point3<f64>> = seen(Category::Microwave, 2).1.points.iter().flat_map(|p| [*p, p + Vector3::new(3.0, 0.0, 0.0)]).collect();
     assert!(matches!(error(&two), ModellingError::Several { count: 2, .. }));
 }
 
 #[test]
 fn a_ball_is_rigid() {
     let mut random = Random::new(1, "ball");
-    let points: Vec<Point3<f64>> = (0..6000)
-        .map(|_| Point3::from(Vector3::new(random.normal(), random.normal(), random.normal()).normalize() * 0.15))
-        .collect();
+    let points: Vec<Point3<f64>> =
+        (0..6000).map(|_| Point3::from(Vector3::new(random.normal(), random.normal(), random.normal()).normalize() * 0.15)).collect();
     let found = model(&points);
     assert!(found.report.rigid && found.report.joints.is_empty() && found.report.reason.is_some());
     assert_eq!(found.report.parts.len(), 1);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use sagci_furniture::{Category, Class, Kind, Look, Random, families, look};
+use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
 use sagci_modelling::{Side, analyse};
 
@@ -66,7 +66,11 @@ pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
         7 => Category::Door,
         _ => Category::Storage,
     };
-    let of = families(category, held_out);
+    // One thing in twelve has no moving part.
+    let of: Vec<&Family> = match random.chance(0.08) {
+        true => STILL.iter().filter(|f| f.held_out == held_out).collect(),
+        false => families(category, held_out),
+    };
     let family = of[random.index(of.len())];
     let object = family.draw(&mut random);
     let how = Look::draw(&mut random);

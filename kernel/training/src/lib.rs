@@ -63,7 +63,12 @@ pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
 /// Trains on lessons; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
 ///
 /// Errors: no lesson at all.
-pub fn train(settings: &Settings, lessons: &[Lesson], checked: &[Lesson], log: &mut dyn FnMut(&str, &Weights)) -> Result<Weights, TrainingError> {
+pub fn train(
+    settings: &Settings,
+    lessons: &[Lesson],
+    checked: &[Lesson],
+    log: &mut dyn FnMut(&str, &Weights),
+) -> Result<Weights, TrainingError> {
     let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
     let mut weights = loss::first_weights(settings.seed, first)?;
     let batch = settings.batch.max(1);

@@ -70,7 +70,11 @@ fn sigmoid(x: f32) -> f32 {
 /// Loss of one lesson; its gradients are added.
 ///
 /// Errors: weights that do not fit the network.
-pub fn learn(weights: &BTreeMap<String, Matrix>, lesson: &Lesson, gradients: Option<&mut BTreeMap<String, Matrix>>) -> Result<Score, ModellingError> {
+pub fn learn(
+    weights: &BTreeMap<String, Matrix>,
+    lesson: &Lesson,
+    gradients: Option<&mut BTreeMap<String, Matrix>>,
+) -> Result<Score, ModellingError> {
     let n = lesson.class.len();
     let mut tape = Tape::new(weights);
     let mut network = Network::new(&mut tape);
@@ -120,7 +124,14 @@ pub fn learn(weights: &BTreeMap<String, Matrix>, lesson: &Lesson, gradients: Opt
             .map(|(i, j)| {
                 let both_body = lesson.part[*i] == 0 && lesson.part[*j] == 0;
                 let together = lesson.part[*i] == lesson.part[*j];
-                lesson.weight[*i].min(lesson.weight[*j]) * if both_body { 0.3 } else if together { 2.0 } else { 1.0 }
+                lesson.weight[*i].min(lesson.weight[*j])
+                    * if both_body {
+                        0.3
+                    } else if together {
+                        2.0
+                    } else {
+                        1.0
+                    }
             })
             .collect();
         let total: f32 = weight.iter().sum::<f32>().max(1e-6);

@@ -266,9 +266,8 @@ impl Algebra for Tape<'_> {
 
     fn means(&mut self, a: &Value, lists: &[Vec<usize>]) -> Value {
         let x = &self.values[*a];
-        let out = Matrix::from_fn(lists.len(), x.ncols(), |i, k| {
-            lists[i].iter().map(|r| x[(*r, k)]).sum::<f32>() / lists[i].len().max(1) as f32
-        });
+        let out =
+            Matrix::from_fn(lists.len(), x.ncols(), |i, k| lists[i].iter().map(|r| x[(*r, k)]).sum::<f32>() / lists[i].len().max(1) as f32);
         self.push(out, Operation::Means(*a, lists.to_vec()))
     }
 

@@ -134,7 +134,8 @@ fn text(name: &str, found: &Perceived) -> String {
         Some(reason) => format!("{name}: rigid, since {reason}\n"),
         None => format!("{name}: {} moving parts\n", r.joints.len()),
     };
-    let mut rows = vec![["part", "class", "points", "confidence", "joint", "stands at", "opens to", "probability"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["part", "class", "points", "confidence", "joint", "stands at", "opens to", "probability"].map(str::to_owned).to_vec()];
     for part in &r.parts {
         let joint = r.joints.iter().find(|j| j.child == part.link);
         let of = |f: &dyn Fn(&sagci_modelling::JointReport) -> String| joint.map(f).unwrap_or_default();

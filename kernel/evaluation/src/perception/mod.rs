@@ -85,3 +85,6 @@ pub fn judge_perception(
 pub(crate) fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (a.dot(b).abs() / (a.norm() * b.norm()).max(1e-12)).min(1.0).acos()
 }
+
+#[cfg(test)]
+mod tests;

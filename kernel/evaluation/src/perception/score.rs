@@ -128,7 +128,13 @@ pub(crate) fn score(case: &Case, answer: Result<CloudAnswer, String>, seconds: f
     for t in asked.iter().copied().filter(|t| *t > 0) {
         let joint = &case.object.joints[t - 1];
         let share = joint.state / joint.upper.max(1e-9);
-        let opening = if share < 0.005 { Opening::Shut } else if share < 0.2 { Opening::Ajar } else { Opening::Open };
+        let opening = if share < 0.005 {
+            Opening::Shut
+        } else if share < 0.2 {
+            Opening::Ajar
+        } else {
+            Opening::Open
+        };
         let mut s = PartScore { opening, overlap: best_overlap(t), type_right: None, axis: None, place: None, whole: false };
         let found = taken[t].and_then(|a| answer.joints.iter().find(|j| j.part == a as i32));
         if let Some(found) = found {

@@ -58,7 +58,12 @@ fn room_handle(b: &mut Builder<'_>) -> Handle {
     match b.random.index(6) {
         0..=2 => Handle::Lever { length: b.random.between(0.09, 0.14), off: b.random.between(0.04, 0.06) },
         3 => Handle::Knob { radius: b.random.between(0.022, 0.032), length: b.random.between(0.05, 0.07) },
-        4 => Handle::Bar { share: b.random.between(0.1, 0.5), radius: b.random.between(0.008, 0.018), off: b.random.between(0.03, 0.06), round: true },
+        4 => Handle::Bar {
+            share: b.random.between(0.1, 0.5),
+            radius: b.random.between(0.008, 0.018),
+            off: b.random.between(0.03, 0.06),
+            round: true,
+        },
         _ => Handle::None,
     }
 }
@@ -138,7 +143,11 @@ pub(super) fn with_sidelight(b: &mut Builder<'_>) {
     b.body.push(Solid::between([-0.02, side.y[0], 0.0], [0.02, side.y[1], z]));
     let handle = room_handle(b);
     let hinge = b.random.pick([Edge::Left, Edge::Right]);
-    let inner = if door_left { Cell { y: [door.y[0] + post / 2.0, door.y[1]], ..door } } else { Cell { y: [door.y[0], door.y[1] - post / 2.0], ..door } };
+    let inner = if door_left {
+        Cell { y: [door.y[0] + post / 2.0, door.y[1]], ..door }
+    } else {
+        Cell { y: [door.y[0], door.y[1] - post / 2.0], ..door }
+    };
     leaf(b, &inner, hinge, handle);
 }
 

@@ -4,6 +4,7 @@ mod chest;
 mod cold;
 mod entrance;
 mod kitchen;
+mod still;
 mod storage;
 
 use crate::front::Builder;
@@ -77,6 +78,15 @@ pub const FAMILIES: &[Family] = &[
     held_out(Category::Storage, "sideboard", storage::sideboard),
     held_out(Category::Storage, "nightstand", storage::nightstand),
     held_out(Category::Storage, "shoe_cabinet", storage::shoe_cabinet),
+];
+
+/// Things without a moving part. Their category says no more than which furniture they are taken for most easily.
+pub const STILL: &[Family] = &[
+    known(Category::Storage, "table", still::table),
+    known(Category::Storage, "bookcase", still::bookcase),
+    known(Category::Box, "crate_or_block", still::crate_or_block),
+    held_out(Category::Storage, "chair", still::chair),
+    held_out(Category::Box, "vessel", still::vessel),
 ];
 
 /// The families of a category, either those for training or those held out.

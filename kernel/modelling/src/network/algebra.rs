@@ -144,9 +144,7 @@ impl Algebra for Plain<'_> {
     }
 
     fn means(&mut self, a: &Matrix, lists: &[Vec<usize>]) -> Matrix {
-        Matrix::from_fn(lists.len(), a.ncols(), |i, k| {
-            lists[i].iter().map(|r| a[(*r, k)]).sum::<f32>() / lists[i].len().max(1) as f32
-        })
+        Matrix::from_fn(lists.len(), a.ncols(), |i, k| lists[i].iter().map(|r| a[(*r, k)]).sum::<f32>() / lists[i].len().max(1) as f32)
     }
 
     fn attend(&mut self, q: &Matrix, k: &Matrix, v: &Matrix, bias: &Matrix, heads: usize) -> Matrix {

@@ -124,7 +124,13 @@ impl<'a, A: Algebra> Network<'a, A> {
     /// `candidates` has as many rows.
     ///
     /// Errors: as [`Self::trunk`].
-    pub fn joints(&mut self, trunk: &Trunk<A::Value>, n: usize, parts: &[Vec<usize>], candidates: Matrix) -> Result<A::Value, ModellingError> {
+    pub fn joints(
+        &mut self,
+        trunk: &Trunk<A::Value>,
+        n: usize,
+        parts: &[Vec<usize>],
+        candidates: Matrix,
+    ) -> Result<A::Value, ModellingError> {
         let own = self.algebra.means(&trunk.state, parts);
         let all = self.algebra.means(&trunk.state, &[(0..n).collect()]);
         let each: Vec<usize> = (0..parts.len() * CANDIDATES).map(|r| r / CANDIDATES).collect();
