@@ -39,12 +39,12 @@ pub struct Perceived {
 pub fn perceive(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
     let analysis = analyse(cloud)?;
     let decision = decide(&analysis, weights)?;
-    let part = label(&analysis, &decision);
-    Ok(put_together(&analysis, &decision, part, name))
+    let of_point = label(&analysis, &decision);
+    Ok(put_together(&analysis, &decision, &of_point, name))
 }
 
-/// The part of each input point.
-fn label(analysis: &Analysis, decision: &Decision) -> Vec<i32> {
+/// The part of each thinned point.
+fn label(analysis: &Analysis, decision: &Decision) -> Vec<Option<i32>> {
     let mut of_piece = vec![0_i32; analysis.superpoints.len()];
     for (k, p) in decision.parts.iter().enumerate() {
         p.pieces.iter().for_each(|i| of_piece[*i] = k as i32 + 1);
@@ -60,10 +60,15 @@ fn label(analysis: &Analysis, decision: &Decision) -> Vec<i32> {
             of_point[i] = grid.nearest(&analysis.points[i], reach).and_then(|k| of_point[held[k]]);
         }
     }
-    analysis.of_input.iter().map(|i| i.and_then(|i| of_point[i as usize]).unwrap_or(-1)).collect()
+    of_point
 }
 
-fn put_together(analysis: &Analysis, decision: &Decision, part: Vec<i32>, name: &str) -> Perceived {
+fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32>], name: &str) -> Perceived {
+    let part: Vec<i32> = analysis.of_input.iter().map(|i| i.and_then(|i| of_point[i as usize]).unwrap_or(-1)).collect();
+    let loose = |id: usize| -> Vec<Point3<f64>> {
+        let own = |i: &usize| analysis.piece[*i].is_none() && of_point[*i] == Some(id as i32);
+        (0..of_point.len()).filter(own).map(|i| analysis.points[i]).collect()
+    };
     let mut counts = vec![0_usize; decision.parts.len() + 1];
     part.iter().filter_map(|p| usize::try_from(*p).ok()).for_each(|p| counts[p] += 1);
     let mut names: Vec<String> = vec!["body".to_owned()];
@@ -77,7 +82,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, part: Vec<i32>, name: 
     let in_part = |i: usize| decision.parts.iter().any(|p| p.pieces.contains(&i));
     let body: Vec<usize> = (0..analysis.superpoints.len()).filter(|i| !in_part(*i)).collect();
     let shut: Isometry3<f64> = Isometry3::identity();
-    let mut links = vec![link("body", &shapes(analysis, &body), &shut, [0.75, 0.75, 0.75, 1.0])];
+    let mut links = vec![link("body", &shapes(analysis, &body, &loose(0)), &shut, [0.75, 0.75, 0.75, 1.0])];
     let mut joints = Vec::new();
     let mut reports = Vec::new();
     let mut hypotheses = Vec::new();
@@ -85,7 +90,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, part: Vec<i32>, name: 
         let (Some(motion), link_name) = (p.motions.first(), &names[k + 1]) else { continue };
         let X_WL = at_state(motion);
         let hue = [[0.9, 0.5, 0.3, 1.0], [0.3, 0.6, 0.9, 1.0], [0.5, 0.8, 0.4, 1.0], [0.8, 0.7, 0.3, 1.0]][k % 4];
-        links.push(link(link_name, &shapes(analysis, &p.pieces), &X_WL, hue));
+        links.push(link(link_name, &shapes(analysis, &p.pieces, &loose(k + 1)), &X_WL, hue));
         let joint = format!("{link_name}_{}", if motion.slides { "slide" } else { "hinge" });
         joints.push(Joint {
             name: joint.clone(),

@@ -27,23 +27,26 @@ const THIN: f64 = 0.002;
 /// Most boxes for collision.
 const BOXES: usize = 32;
 
-/// The shapes of some superpoints.
-pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize]) -> Shapes {
+/// The shapes of some superpoints, and of points that belong to none of them.
+pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>]) -> Shapes {
     let mut mesh = TriangleMesh::default();
+    let mut stacked: Vec<Point3<f64>> = loose.to_vec();
     let mut boxes: Vec<(usize, Slab)> = Vec::new();
     let to_world = UnitQuaternion::from_rotation_matrix(&analysis.R_AW.inverse());
     for (number, i) in pieces.iter().enumerate() {
         let s = &analysis.superpoints[*i];
         let points: Vec<Point3<f64>> = s.points.iter().map(|p| analysis.points[*p as usize]).collect();
-        let (slab, tight) = slab(&points, s.flat.then_some(s.normal), s.axial, s.residual, number);
+        let (slab, tight) = slab(&points, s.flat.then_some(s.normal), s.axial, s.residual, analysis.scale.noise, number);
         let world = Slab { X_WG: Isometry3::from_parts(Translation3::identity(), to_world) * slab.X_WG, half: slab.half };
         if s.flat && tight {
             add_box(&mut mesh, &world.X_WG, &world.half);
         } else {
-            bars(&mut mesh, &points, analysis.scale.spacing, to_world);
+            stacked.extend(&points);
         }
         boxes.push((points.len(), world));
     }
+    // All in one, so that no two bars are the same.
+    bars(&mut mesh, &stacked, analysis.scale.spacing, to_world);
     boxes.sort_by_key(|b| std::cmp::Reverse(b.0));
     boxes.truncate(BOXES);
     Shapes { mesh, boxes: boxes.into_iter().map(|b| b.1).collect() }
@@ -57,7 +60,14 @@ fn range(points: &[Point3<f64>], direction: &Vector3<f64>, cut: f64) -> (f64, f6
 }
 
 /// The box about some points with a face along a normal; for lumps along the axes of A. And do the points fill it like a sheet?
-fn slab(points: &[Point3<f64>], normal: Option<Vector3<f64>>, axial: Option<usize>, residual: f64, number: usize) -> (Slab, bool) {
+fn slab(
+    points: &[Point3<f64>],
+    normal: Option<Vector3<f64>>,
+    axial: Option<usize>,
+    residual: f64,
+    noise: f64,
+    number: usize,
+) -> (Slab, bool) {
     let n = match (normal, axial) {
         (Some(n), _) => n,
         _ => Vector3::x(),
@@ -74,7 +84,8 @@ fn slab(points: &[Point3<f64>], normal: Option<Vector3<f64>>, axial: Option<usiz
         center += e * ((a + b) / 2.0);
         half[k] = ((b - a) / 2.0).max(THIN);
     }
-    let tight = half[0] < 0.02_f64.max(3.0 * residual);
+    // Two faces of a thin board may have grown into one piece: then a slab would not hold their points.
+    let tight = half[0] < 0.0045_f64.max(2.2 * noise);
     if normal.is_some() {
         // Slightly unlike sizes, so that no two slabs share a corner.
         half[0] = half[0].max(2.0 * residual).max(THIN) + 1e-6 * (number as f64 + 1.0);

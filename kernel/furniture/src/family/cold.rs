@@ -136,6 +136,23 @@ pub(super) fn french_doors(b: &mut Builder<'_>) {
     halves(b, &c, &rows[1]);
 }
 
+/// Rows of anything: a door, two doors, a drawer.
+pub(super) fn any_rows(b: &mut Builder<'_>) {
+    let c = cabinet(b, [0.5, 1.0], [0.8, 1.9]);
+    let n = 1 + b.random.index(3);
+    let raw: Vec<f64> = (0..n).map(|_| b.random.between(0.5, 1.8)).collect();
+    let sum: f64 = raw.iter().sum();
+    let hinge = side(b);
+    for cell in front(b, &c).rows(&raw.iter().map(|s| s / sum).collect::<Vec<_>>()) {
+        b.body.push(c.shelf(-c.width / 2.0, c.width / 2.0, cell.z[1] - c.board / 2.0, 0.0));
+        match b.random.index(4) {
+            0 if cell.height() < 0.7 => b.drawer(&cell),
+            1 if cell.width() > 0.6 => halves(b, &c, &cell),
+            _ => doors(b, &c, &[(cell, hinge)]),
+        }
+    }
+}
+
 pub(super) fn four_doors(b: &mut Builder<'_>) {
     let c = cabinet(b, [0.8, 1.0], [1.65, 1.95]);
     let share = b.random.between(0.35, 0.5);

@@ -126,6 +126,73 @@ pub(super) fn sliding_before_wall(b: &mut Builder<'_>) {
     b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [x, 0.0, z / 2.0], upper);
 }
 
+/// A door under a fixed panel.
+pub(super) fn under_transom(b: &mut Builder<'_>) {
+    let mut frame = Frame::draw(b, [0.7, 1.3]);
+    frame.z += b.random.between(0.25, 0.5);
+    let wall = if b.random.chance(0.4) { b.random.between(0.1, 0.5) } else { 0.0 };
+    frame.stand(b, wall, 0.0);
+    let cell = frame.cell(b);
+    let share = b.random.between(0.75, 0.85);
+    let rows = cell.rows(&[share, 1.0 - share]);
+    let bar = b.random.between(0.03, 0.06);
+    let z = rows[1].z[0];
+    b.body.push(Solid::between([-frame.x, -frame.y, z - bar / 2.0], [frame.x, frame.y, z + bar / 2.0]));
+    let back = b.random.between(0.0, 0.03);
+    b.body.push(Solid::between([-0.02, -frame.y, z], [0.02 - back, frame.y, frame.z]));
+    let handle = room_handle(b);
+    let door = Cell { z: [rows[0].z[0], z - bar / 2.0], ..rows[0] };
+    if frame.y > 0.55 {
+        let halves = door.columns(&[0.5, 0.5]);
+        leaf(b, &halves[0], Edge::Right, handle);
+        leaf(b, &halves[1], Edge::Left, handle);
+    } else {
+        let hinge = b.random.pick([Edge::Left, Edge::Right]);
+        leaf(b, &door, hinge, handle);
+    }
+}
+
+/// A wide and a narrow leaf, or a fixed leaf of the same make beside the one that moves.
+pub(super) fn unequal_leaves(b: &mut Builder<'_>) {
+    let frame = Frame::draw(b, [1.1, 1.6]);
+    frame.stand(b, 0.0, 0.0);
+    let cell = frame.cell(b);
+    let handle = room_handle(b);
+    let share = b.random.between(0.25, 0.45);
+    let left = b.random.chance(0.5);
+    let parts = if left { cell.columns(&[1.0 - share, share]) } else { cell.columns(&[share, 1.0 - share]) };
+    let (wide, narrow) = if left { (parts[0], parts[1]) } else { (parts[1], parts[0]) };
+    leaf(b, &wide, if left { Edge::Right } else { Edge::Left }, handle);
+    if b.random.chance(0.5) {
+        leaf(b, &narrow, if left { Edge::Left } else { Edge::Right }, Handle::None);
+    } else {
+        b.blank(&narrow);
+    }
+}
+
+/// Folding shutters: leaves above one another before a window, of unequal height.
+pub(super) fn hatch_over_counter(b: &mut Builder<'_>) {
+    let frame = Frame::draw(b, [0.8, 1.4]);
+    frame.stand(b, 0.0, 0.0);
+    let cell = frame.cell(b);
+    let counter = b.random.between(0.35, 0.5);
+    let rows = cell.rows(&[counter, 1.0 - counter]);
+    b.body.push(Solid::between([-frame.x, -frame.y, 0.0], [frame.x * b.random.between(0.3, 1.0), frame.y, rows[0].z[1]]));
+    let handle = room_handle(b);
+    match b.random.index(3) {
+        0 => {
+            let hinge = b.random.pick([Edge::Left, Edge::Right]);
+            leaf(b, &rows[1], hinge, handle);
+        }
+        1 => {
+            let halves = rows[1].columns(&[0.5, 0.5]);
+            leaf(b, &halves[0], Edge::Right, handle);
+            leaf(b, &halves[1], Edge::Left, handle);
+        }
+        _ => leaf(b, &rows[1], Edge::Top, Handle::None),
+    }
+}
+
 /// A door beside a fixed pane.
 pub(super) fn with_sidelight(b: &mut Builder<'_>) {
     let frame = Frame::draw(b, [1.05, 1.5]);

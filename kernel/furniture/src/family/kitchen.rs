@@ -270,6 +270,27 @@ pub(super) fn double_oven(b: &mut Builder<'_>) {
     }
 }
 
+/// Rows of anything in any order; one door hangs on any edge.
+pub(super) fn any_cooker(b: &mut Builder<'_>) {
+    let c = oven(b, [0.4, 1.3]);
+    let mut kinds = vec![Row::Door];
+    for kind in [Row::Door, Row::Drawer, Row::Controls, Row::Blank] {
+        if kinds.len() < 4 && b.random.chance(0.45) {
+            kinds.push(kind);
+        }
+    }
+    b.random.shuffle(&mut kinds);
+    let raw: Vec<f64> = kinds.iter().map(|k| if *k == Row::Door { 1.0 } else { b.random.between(0.15, 0.45) }).collect();
+    let sum: f64 = raw.iter().sum();
+    let shares: Vec<f64> = raw.iter().map(|s| s / sum).collect();
+    let hinge = b.random.pick([Edge::Bottom, Edge::Bottom, Edge::Left, Edge::Right]);
+    rows(b, c, &kinds, &shares, hinge);
+    if b.random.chance(0.3) {
+        let (x, y, high) = (-c.depth / 2.0, c.width / 2.0, b.random.between(0.03, 0.1));
+        b.body.push(Solid::between([x, -y, c.top], [x + 0.02, y, c.top + high]));
+    }
+}
+
 pub(super) fn range_with_splashback(b: &mut Builder<'_>) {
     let c = oven(b, [0.78, 0.92]);
     let d = b.random.between(0.14, 0.26);

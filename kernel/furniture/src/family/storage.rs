@@ -234,6 +234,19 @@ pub(super) fn open_shelves(b: &mut Builder<'_>) {
     furnish(b, &c, &parts[1], Use::Open);
 }
 
+/// Rows of anything, on legs or not.
+pub(super) fn tall_unit(b: &mut Builder<'_>) {
+    let legs = b.random.chance(0.5);
+    let c = cabinet(b, [0.35, 1.4], [0.25, 0.55], [0.5, 1.8], legs);
+    let cell = front(b, &c);
+    let n = 1 + b.random.index(4);
+    let s = shares(b, n);
+    for row in rows(b, &c, &cell, &s, true) {
+        let kind = b.random.pick([Use::Doors, Use::Drawers, Use::FlapDown, Use::FlapUp, Use::Open]);
+        furnish(b, &c, &row, kind);
+    }
+}
+
 pub(super) fn sideboard(b: &mut Builder<'_>) {
     let c = cabinet(b, [1.1, 1.8], [0.35, 0.5], [0.45, 0.8], true);
     let cell = front(b, &c);
