@@ -74,7 +74,13 @@ pub(crate) struct Decision {
     pub(crate) body_confidence: f64,
     /// Probability of the most likely part that was not taken for one.
     pub(crate) doubt: f64,
+    /// Share of points on walls along the axes of the object's box.
+    pub(crate) walled: f64,
 }
+
+/// Furniture is made of walls: where fewer points than this share lie on any, the network is not asked about parts. It has learned from
+/// furniture alone, and would see panels in a ball.
+pub(crate) const WALLED: f64 = 0.3;
 
 /// Asks the network about all four sides, and about the front in full.
 pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision, ModellingError> {
@@ -97,7 +103,9 @@ pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision,
     let mut network = Network::new(&mut plain);
     let mut classes = network.classes(&trunk)?;
     softmax_rows(&mut classes);
-    let moving: Vec<usize> = (0..n).filter(|i| classes[(*i, 0)] < 0.5).collect();
+    let on_walls = analysis.superpoints.iter().filter(|s| s.axial.is_some()).map(|s| s.points.len()).sum::<usize>();
+    let walled = on_walls as f64 / analysis.points.len().max(1) as f64;
+    let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < 0.5).collect();
     let doubt = (0..n).filter(|i| classes[(*i, 0)] >= 0.5).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
     let groups = group(analysis, &mut network, &trunk, &moving, n)?;
     let total = analysis.points.len();
@@ -121,7 +129,7 @@ pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision,
     }
     // The larger ones first: names count from there.
     parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
-    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), doubt })
+    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), doubt, walled })
 }
 
 /// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.

@@ -10,7 +10,7 @@ use sagci_model::{
 };
 
 use crate::analysis::{Analysis, analyse};
-use crate::decide::{Decision, Motion, Moving, decide};
+use crate::decide::{Decision, Motion, Moving, WALLED, decide};
 use crate::network::Weights;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 use crate::solid::{Shapes, Slab, shapes};
@@ -117,12 +117,13 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
         })
         .collect();
     let rigid = decision.parts.is_empty();
-    let reason = rigid.then(|| {
-        format!(
+    let reason = rigid.then(|| match decision.walled < WALLED {
+        true => format!("its surface is not made of walls: only {:.0} % of its points lie on any", 100.0 * decision.walled),
+        false => format!(
             "no panel, drawer or lid was found that could move: of {} pieces of surface, the likeliest to be one has a probability of {:.2}",
             analysis.superpoints.len(),
             decision.doubt
-        )
+        ),
     });
     if let Some(reason) = &reason {
         notes.push(reason.clone());
