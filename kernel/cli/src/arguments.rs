@@ -28,6 +28,8 @@ pub enum Command {
     Gap(Gap),
     /// Predict measured motion over windows of time, sample by sample.
     Simulate(Simulate),
+    /// Make a model of an object that was never seen before from its point cloud.
+    Perceive(Perceive),
     /// Try a part of the system on many cases whose truth is sealed, and print how often it is right.
     #[command(subcommand)]
     Evaluate(Evaluate),
@@ -118,6 +120,35 @@ pub struct Gap {
     pub places: Places,
 }
 
+/// `sagci perceive`.
+#[derive(Debug, Args)]
+pub struct Perceive {
+    /// Point clouds of one object, in metres: PLY or PCD, one or several views.
+    #[arg(required = true, value_name = "CLOUD")]
+    pub clouds: Vec<PathBuf>,
+    /// Where the camera was: JSON with a view for each cloud. Without it, clouds are in a world frame with z up.
+    #[arg(long, value_name = "FILE")]
+    pub camera_pose: Option<PathBuf>,
+    /// Name of the object [default: that of the first cloud's file].
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Folder for object.urdf, meshes/, model.yaml, perception.json and parts.ply.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Take the model into the library.
+    #[arg(long)]
+    pub save: bool,
+    /// Weights of other networks than those that ship.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// How to print the result.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+    /// Where things are.
+    #[command(flatten)]
+    pub places: Places,
+}
+
 /// `sagci simulate`.
 #[derive(Debug, Args)]
 pub struct Simulate {
@@ -163,6 +194,30 @@ pub enum Evaluate {
         /// Where things are.
         #[command(flatten)]
         places: Places,
+    },
+    /// Furniture of makers that training never saw, to be modelled from clouds.
+    Perception {
+        /// Everything is drawn from it.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Objects of each category.
+        #[arg(long, default_value_t = 33)]
+        objects: usize,
+        /// Only categories whose name begins so.
+        #[arg(long, default_value = "")]
+        only: String,
+        /// Draw from the families that training saw.
+        #[arg(long)]
+        trained: bool,
+        /// Weights of other networks than those that ship.
+        #[arg(long, value_name = "FILE")]
+        weights: Option<PathBuf>,
+        /// Print a line for each cloud.
+        #[arg(long)]
+        each: bool,
+        /// How to print the result.
+        #[arg(long, value_enum, default_value_t = Format::Text)]
+        format: Format,
     },
 }
 

@@ -10,12 +10,15 @@
 //! - the *runner* asks the workflow, blindly, many times ([`run`]);
 //! - the *score* ([`judge`], [`table`]).
 //!
+//! Beside it, unseen furniture is looked at and to be modelled ([`judge_perception`]).
+//!
 //! This crate does not know the simulator, nor the workflow: the workflow is a function from [`Given`] to a JSON document.
 #![forbid(unsafe_code)]
 
 mod effect;
 mod error;
 mod oracle;
+mod perception;
 mod plant;
 mod random;
 mod runner;
@@ -26,6 +29,7 @@ mod simulate;
 pub use effect::{CATALOGUE, Circumstances, OUTSIDE, channels, indistinguishable};
 pub use error::EvaluationError;
 pub use oracle::{Detectability, VISIBLE};
+pub use perception::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, PerceptionRow, PerceptionTable, case, judge_perception};
 pub use runner::{Options, Suite, run};
 pub use scenario::{Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw, to_csv};
 pub use score::{Gap, Judgement, Row, Table, judge, table};

@@ -42,6 +42,9 @@ pub struct Document {
     /// Places in or on it where other things can be put.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<Region>,
+    /// Joints whose kind and place were read off a cloud: how sure they are, and what else they may be.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint_hypotheses: Vec<JointHypotheses>,
     /// Present if the model is a robot arm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<Robot>,
@@ -72,6 +75,7 @@ impl Default for Document {
             actuators: Vec::new(),
             grasps: Vec::new(),
             regions: Vec::new(),
+            joint_hypotheses: Vec::new(),
             robot: None,
             refit_tolerance: RefitTolerance::default(),
             surface_friction: default_friction(),
@@ -350,6 +354,34 @@ pub struct Region {
     pub size: [f64; 3],
     /// Unit vector out of the opening that things pass through, in the link's frame.
     pub opening: [f64; 3],
+}
+
+/// How sure a joint's kind and place are, before anybody has moved it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointHypotheses {
+    /// The joint.
+    pub joint: String,
+    /// Standard deviation of its axis, rad.
+    pub axis_deviation: f64,
+    /// Standard deviation of the axis' place, m.
+    pub origin_deviation: f64,
+    /// Ways in which the part may move, the one of the URDF first.
+    pub ways: Vec<JointHypothesis>,
+}
+
+/// One way in which a part may move. In the root link's frame, at the position in which the object was seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointHypothesis {
+    /// `revolute` or `prismatic`.
+    pub kind: String,
+    /// Unit vector; positive motion opens.
+    pub axis: [f64; 3],
+    /// A point on the axis, m.
+    pub origin: [f64; 3],
+    /// Probability, 0 to 1.
+    pub probability: f64,
 }
 
 /// What only a robot arm has.

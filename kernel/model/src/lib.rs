@@ -21,8 +21,8 @@ mod validate;
 mod xml;
 
 pub use document::{
-    Actuator, ActuatorLaw, BarGrasp, Camera, Configuration, Document, EffectEntry, Evidence, Finger, GraspHint, Gripper, Origin,
-    Provenance, RefitTolerance, Region, RimGrasp, Robot, SCHEMA, XyzRpy,
+    Actuator, ActuatorLaw, BarGrasp, Camera, Configuration, Document, EffectEntry, Evidence, Finger, GraspHint, Gripper, JointHypotheses,
+    JointHypothesis, Origin, Provenance, RefitTolerance, Region, RimGrasp, Robot, SCHEMA, XyzRpy,
 };
 pub use error::ModelError;
 pub use mesh::TriangleMesh;

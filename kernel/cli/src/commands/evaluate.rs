@@ -2,13 +2,58 @@ use sagci_evaluation as evaluation;
 use sagci_library::Library;
 
 use crate::arguments::{Evaluate, Format, Suite};
+use crate::commands::perceive::weights_of;
 use crate::commands::print;
 use crate::error::CliError;
 use crate::place;
 
 /// `sagci evaluate`.
 pub fn evaluate(command: &Evaluate) -> Result<bool, CliError> {
-    let Evaluate::Gap { suite, seed, only, out, format, places } = command;
+    match command {
+        Evaluate::Gap { .. } => gap(command),
+        Evaluate::Perception { .. } => perception(command),
+    }
+}
+
+fn perception(command: &Evaluate) -> Result<bool, CliError> {
+    let Evaluate::Perception { seed, objects, only, trained, weights, each, format } = command else { return Ok(false) };
+    let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
+    let weights = weights_of(weights.as_deref())?;
+    let options = evaluation::PerceptionOptions { seed: *seed, objects: *objects, only: only.clone(), trained: *trained };
+    // Joints name their links; links their parts.
+    let model = |cloud: &[nalgebra::Point3<f64>]| {
+        let found = sagci_modelling::perceive(cloud, "object", &weights).map_err(|e| e.to_string())?;
+        let id = |link: &str| found.report.parts.iter().find(|p| p.link == link).map_or(-1, |p| p.id as i32);
+        Ok(evaluation::CloudAnswer {
+            confidence: found.report.parts.iter().map(|p| p.confidence).collect(),
+            joints: found
+                .report
+                .joints
+                .iter()
+                .map(|j| evaluation::AnsweredJoint {
+                    part: id(&j.child),
+                    slides: j.kind == "prismatic",
+                    axis: j.axis.into(),
+                    origin: j.origin.into(),
+                })
+                .collect(),
+            part: found.part,
+        })
+    };
+    let table = evaluation::judge_perception(&options, &model, &|line| {
+        if *each {
+            eprintln!("{line}");
+        }
+    });
+    match format {
+        Format::Text => print(&table.to_text()),
+        Format::Json => print(&(serde_json::to_string_pretty(&table).map_err(|e| other(&e))? + "\n")),
+    }
+    Ok(true)
+}
+
+fn gap(command: &Evaluate) -> Result<bool, CliError> {
+    let Evaluate::Gap { suite, seed, only, out, format, places } = command else { return Ok(false) };
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
     // Whatever robot the library holds.
     let robot = |library: &Library| {

@@ -5,6 +5,7 @@ mod doctor;
 mod evaluate;
 mod gap;
 mod models;
+mod perceive;
 mod replay;
 mod run;
 mod simulate;
@@ -20,6 +21,7 @@ pub fn execute(arguments: Arguments) -> Result<bool, CliError> {
         Command::Check { script, places } => check::check(&script, &places),
         Command::Gap(gap) => gap::gap(&gap),
         Command::Simulate(simulate) => simulate::simulate(&simulate),
+        Command::Perceive(perceive) => perceive::perceive(&perceive),
         Command::Evaluate(command) => evaluate::evaluate(&command),
         Command::Models(command) => models::models(&command),
         Command::Skills(command) => skills::skills(&command),

@@ -1,0 +1,41 @@
+//! Points as lines of text.
+
+use nalgebra::Point3;
+
+use crate::Fault;
+use crate::record::excerpt;
+
+/// Reads `count` points of `width` words a line, of which three are the coordinates, starting with the line after `line`.
+pub(crate) fn points(body: &[u8], line: usize, count: usize, width: usize, at: [usize; 3]) -> Result<(Vec<Point3<f64>>, usize), Fault> {
+    let mut points = Vec::new();
+    let mut used = 0;
+    for (number, raw) in body.split(|b| *b == b'\n').enumerate() {
+        if points.len() == count {
+            break;
+        }
+        used += raw.len() + 1;
+        let here = line + number + 1;
+        let text = std::str::from_utf8(raw).map_err(|_| Fault::at(here, "is not text; is the file binary?"))?;
+        if text.trim().is_empty() {
+            continue;
+        }
+        let mut p = [f64::NAN; 3];
+        let mut words = 0;
+        for (i, word) in text.split_ascii_whitespace().enumerate() {
+            words += 1;
+            for (slot, place) in p.iter_mut().zip(at) {
+                if place == i {
+                    *slot = word.parse().map_err(|_| Fault::at(here, format!("'{}' is not a number", excerpt(word))))?;
+                }
+            }
+        }
+        if words < width {
+            return Err(Fault::at(here, format!("has {words} of the {width} values that the header announces")));
+        }
+        points.push(Point3::from(p));
+    }
+    if points.len() < count {
+        return Err(Fault::new(format!("is cut off: it says that it has {count} points, but holds {}", points.len())));
+    }
+    Ok((points, used.min(body.len())))
+}

@@ -1,0 +1,94 @@
+//! Things without a part that moves: whoever finds a joint in them is wrong.
+
+use crate::carcass::{Carcass, contents};
+use crate::front::Builder;
+use crate::object::Solid;
+
+pub(super) fn table(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let c = Carcass {
+        width: r.between(0.5, 1.6),
+        depth: r.between(0.4, 0.9),
+        bottom: r.between(0.35, 0.75),
+        top: 0.0,
+        board: r.between(0.015, 0.04),
+    };
+    let (x, y, z) = (c.depth / 2.0, c.width / 2.0, c.bottom);
+    b.body.push(Solid::between([-x, -y, z], [x, y, z + c.board]));
+    b.body.extend(c.support(b.random));
+    if b.random.chance(0.4) {
+        b.body.push(Solid::between([-x + 0.03, -y + 0.03, z - 0.08], [x - 0.03, y - 0.03, z]));
+    }
+    b.body.extend(contents([-x, -y, z + c.board], [x, y, z + 0.5], b.random));
+}
+
+pub(super) fn chair(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let (x, y, z) = (r.between(0.18, 0.26), r.between(0.18, 0.26), r.between(0.4, 0.5));
+    let c = Carcass { width: 2.0 * y, depth: 2.0 * x, bottom: z, top: 0.0, board: 0.02 };
+    b.body.push(Solid::between([-x, -y, z], [x, y, z + 0.04]));
+    b.body.extend(c.support(b.random));
+    let high = b.random.between(0.3, 0.55);
+    b.body.push(Solid::between([-x, -y, z + 0.1], [-x + 0.03, y, z + high]));
+    b.body.push(Solid::between([-x, -y, z], [-x + 0.03, -y + 0.03, z + high]));
+    b.body.push(Solid::between([-x, y - 0.03, z], [-x + 0.03, y, z + high]));
+}
+
+/// Boards and shelves, no door.
+pub(super) fn bookcase(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let bottom = r.pick([0.0, 0.05]);
+    let c = Carcass {
+        width: r.between(0.4, 1.3),
+        depth: r.between(0.2, 0.45),
+        bottom,
+        top: bottom + r.between(0.6, 2.0),
+        board: r.between(0.012, 0.03),
+    };
+    b.body.extend(c.boards());
+    b.body.extend(c.support(b.random));
+    let n = 1 + b.random.index(5);
+    let (y, mut below) = (c.width / 2.0, c.bottom + c.board);
+    for k in 1..=n {
+        let z = c.bottom + (c.top - c.bottom) * k as f64 / (n as f64 + 1.0);
+        b.body.push(c.shelf(-y, y, z, 0.0));
+        if b.random.chance(0.6) {
+            b.body.extend(contents([-c.depth / 2.0 + 0.02, -y, below], [c.depth / 2.0, y, z], b.random));
+        }
+        below = z;
+    }
+    if b.random.chance(0.4) {
+        b.body.push(c.divider(0.0, c.bottom, c.top));
+    }
+}
+
+/// A block or an open crate.
+pub(super) fn crate_or_block(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let (x, y, z, t) = (r.between(0.1, 0.4), r.between(0.1, 0.5), r.between(0.1, 0.8), r.between(0.005, 0.02));
+    if r.chance(0.4) {
+        b.body.push(Solid::between([-x, -y, 0.0], [x, y, z]));
+        return;
+    }
+    b.body.extend([
+        Solid::between([-x, -y, 0.0], [x, y, t]),
+        Solid::between([-x, -y, 0.0], [-x + t, y, z]),
+        Solid::between([x - t, -y, 0.0], [x, y, z]),
+        Solid::between([-x, -y, 0.0], [x, -y + t, z]),
+        Solid::between([-x, y - t, 0.0], [x, y, z]),
+    ]);
+    b.body.extend(contents([-x + t, -y + t, t], [x - t, y - t, z], b.random));
+}
+
+/// Pots, bins, mugs: cylinders with a handle.
+pub(super) fn vessel(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let radius = r.scale(0.05, 0.25);
+    let h = radius * r.between(0.8, 3.0);
+    b.body.push(Solid::cylinder([0.0, 0.0, h / 2.0], 2, radius, h / 2.0));
+    let off = radius * r.between(0.2, 0.6);
+    let t = radius * 0.12;
+    b.body.push(Solid::between([radius + off - t, -t, 0.2 * h], [radius + off, t, 0.8 * h]));
+    b.body.push(Solid::between([0.0, -t, 0.75 * h], [radius + off, t, 0.8 * h]));
+    b.body.push(Solid::between([0.0, -t, 0.2 * h], [radius + off, t, 0.25 * h]));
+}

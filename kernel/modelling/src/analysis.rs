@@ -1,0 +1,140 @@
+//! The geometry of a cloud, before anything is decided: the object's points in the frame of its box, and their superpoints.
+
+use nalgebra::{Point3, Rotation3};
+
+use crate::grid::Grid;
+use crate::superpoint::{Scale, Superpoint, superpoints};
+use crate::{ModellingError, frame, ground, normal, prepare};
+
+/// What is known of a cloud by geometry alone.
+pub struct Analysis {
+    /// The object's thinned points in A, m.
+    pub(crate) points: Vec<Point3<f64>>,
+    /// From W's axes to A's; both have the same origin.
+    pub(crate) R_AW: Rotation3<f64>,
+    /// Pieces, largest first.
+    pub(crate) superpoints: Vec<Superpoint>,
+    /// Of each point its piece.
+    pub(crate) piece: Vec<Option<u32>>,
+    /// Of each input point, the point of the object that stands for it; none for the surroundings.
+    pub(crate) of_input: Vec<Option<u32>>,
+    /// How fine the cloud is.
+    pub(crate) scale: Scale,
+    /// Least and greatest corner of the object in A, without its outermost points, m.
+    pub(crate) low: Point3<f64>,
+    /// The greatest.
+    pub(crate) high: Point3<f64>,
+    /// What is worth telling a person.
+    pub(crate) notes: Vec<String>,
+    /// What the input's lengths were multiplied by to get metres.
+    pub(crate) factor: f64,
+}
+
+/// Looks at a cloud in the world's frame.
+///
+/// Errors: as [`crate::model`].
+pub fn analyse(input: &[Point3<f64>]) -> Result<Analysis, ModellingError> {
+    let thinned = prepare::thin(input)?;
+    let mut notes = Vec::new();
+    if thinned.factor != 1.0 {
+        notes.push(format!("the cloud seems to be in millimetres: it was multiplied by {}", thinned.factor));
+    }
+    if thinned.finite < input.len() {
+        notes.push(format!("{} of {} points are not numbers", input.len() - thinned.finite, input.len()));
+    }
+    if thinned.finite > 500_000 {
+        notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
+    }
+    let (low, high) = bounds(&thinned.points);
+    let diagonal = (high - low).norm();
+    let spacing = spacing(&thinned.points, diagonal).max(thinned.cell);
+    let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
+    let grid = Grid::new(&thinned.points, radius);
+    let local = normal::normals(&thinned.points, &grid, radius);
+    let mut cleared = ground::clear(&thinned.points, &local, thinned.cell);
+    if let Some(z) = cleared.support {
+        notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
+    }
+    ground::one_object(&thinned.points, &mut cleared.object, diagonal)?;
+    let kept: Vec<usize> = (0..thinned.points.len()).filter(|i| cleared.object[*i]).collect();
+    if kept.len() < prepare::LEAST {
+        return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: prepare::LEAST });
+    }
+    let mut local: Vec<normal::Local> = kept.iter().map(|i| local[*i]).collect();
+    let noise = noise(&local);
+    let world: Vec<Point3<f64>> = kept.iter().map(|i| thinned.points[*i]).collect();
+    let yaw = frame::yaw(&local, noise.max(0.002));
+    let R_AW = frame::upright(yaw);
+    let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
+    local.iter_mut().for_each(|l| l.normal = R_AW * l.normal);
+    let scale = Scale { spacing, noise };
+    let (superpoints, piece) = superpoints(&points, &local, scale);
+    let mut new_index = vec![None; thinned.points.len()];
+    kept.iter().enumerate().for_each(|(new, old)| new_index[*old] = Some(new as u32));
+    let of_input = thinned.of_input.iter().map(|i| i.and_then(|i| new_index[i as usize])).collect();
+    let (low, high) = bounds(&points);
+    Ok(Analysis { points, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor })
+}
+
+/// Bounds without the outermost two in a thousand along each axis.
+fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
+    let mut low = Point3::origin();
+    let mut high = Point3::origin();
+    for k in 0..3 {
+        let mut c: Vec<f64> = points.iter().map(|p| p[k]).collect();
+        c.sort_by(f64::total_cmp);
+        let cut = c.len() / 500;
+        low[k] = c.get(cut).copied().unwrap_or_default();
+        high[k] = c.get(c.len().saturating_sub(1 + cut)).copied().unwrap_or_default();
+    }
+    (low, high)
+}
+
+/// Median distance to the sixth neighbour, m, over some points.
+fn spacing(points: &[Point3<f64>], diagonal: f64) -> f64 {
+    // A first guess: the points as if spread over the sides of a box.
+    let mut radius = 2.0 * diagonal / (points.len() as f64).sqrt();
+    let step = (points.len() / 400).max(1);
+    for _ in 0..6 {
+        let grid = Grid::new(points, radius);
+        let mut distances = Vec::new();
+        let mut tried = 0;
+        for p in points.iter().step_by(step) {
+            let mut near = Vec::new();
+            grid.near(p, radius, |_, d| near.push(d));
+            tried += 1;
+            if near.len() > 6 {
+                near.sort_by(f64::total_cmp);
+                distances.push(near[6].sqrt());
+            }
+        }
+        if distances.len() * 4 > tried * 3 {
+            distances.sort_by(f64::total_cmp);
+            return distances[distances.len() / 2];
+        }
+        radius *= 1.6;
+    }
+    radius
+}
+
+/// RMS residual of what is flat: the lower third of all residuals.
+fn noise(local: &[normal::Local]) -> f64 {
+    let mut residuals: Vec<f64> = local.iter().map(|l| l.residual).filter(|r| r.is_finite()).collect();
+    if residuals.is_empty() {
+        return 0.0;
+    }
+    residuals.sort_by(f64::total_cmp);
+    residuals[residuals.len() / 3]
+}
+
+impl Analysis {
+    /// Number of superpoints.
+    pub fn pieces(&self) -> usize {
+        self.superpoints.len()
+    }
+
+    /// Of each input point the superpoint that holds it.
+    pub fn piece_of_input(&self) -> Vec<Option<u32>> {
+        self.of_input.iter().map(|i| i.and_then(|i| self.piece[i as usize])).collect()
+    }
+}

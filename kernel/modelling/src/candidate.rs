@@ -1,0 +1,225 @@
+//! The joints that a part could have: three slides, and hinges at the two ends of its section across each axis.
+//!
+//! A panel's section across a vertical line is a stroke. Whether the door is shut or stands open, its hinge is at one of the stroke's
+//! ends. So the choice is among few candidates whose places geometry gives; what is learned is which, and a small residual.
+
+use nalgebra::{Point3, Vector2, Vector3};
+
+use crate::posed::Posed;
+
+/// Number of candidates: slides along x, y, -y; hinges along z, y, x at two ends.
+pub(crate) const COUNT: usize = 9;
+/// Features of one.
+pub(crate) const FEATURES: usize = 38;
+/// What a residual is measured in, m.
+pub(crate) const RESIDUAL: f64 = 0.05;
+
+/// One candidate, in K.
+#[derive(Debug, Clone)]
+pub(crate) struct Candidate {
+    /// Does it slide?
+    pub(crate) slides: bool,
+    /// Direction in K; of hinges, still without the sign that opens.
+    pub(crate) axis: Vector3<f64>,
+    /// A point on the axis, amid the part, m.
+    pub(crate) origin: Point3<f64>,
+    /// Unit vectors in which residuals are counted: from the hinge along the section, and across it.
+    pub(crate) along: Vector3<f64>,
+    pub(crate) across: Vector3<f64>,
+    /// Length of the section, m.
+    pub(crate) length: f64,
+    pub(crate) features: Vec<f64>,
+}
+
+/// What all candidates of a part share.
+struct Shape {
+    /// Its points, without far ones.
+    low: Point3<f64>,
+    high: Point3<f64>,
+    center: Point3<f64>,
+    points: Vec<Point3<f64>>,
+    /// Points of its largest flat piece, and its normal.
+    panel: Vec<Point3<f64>>,
+    normal: Vector3<f64>,
+    flat_share: f64,
+}
+
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_by(f64::total_cmp);
+    values[((values.len() - 1) as f64 * share).round() as usize]
+}
+
+fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
+    let a = posed.analysis;
+    let points: Vec<Point3<f64>> = part.iter().flat_map(|s| a.superpoints[*s].points.iter().map(|i| posed.points[*i as usize])).collect();
+    let range = |k: usize, share: f64| quantile(&mut points.iter().map(|p| p[k]).collect::<Vec<_>>(), share);
+    let low = Point3::new(range(0, 0.01), range(1, 0.01), range(2, 0.01));
+    let high = Point3::new(range(0, 0.99), range(1, 0.99), range(2, 0.99));
+    // The panel: the largest flat piece, with what lies in its plane.
+    let area = |s: &usize| if a.superpoints[*s].flat { a.superpoints[*s].points.len() } else { 0 };
+    let main = part.iter().copied().max_by_key(area).unwrap_or(0);
+    let (normal, at) = (posed.pieces[main].normal, posed.pieces[main].center);
+    let near = 3.0 * a.superpoints[main].residual.max(a.scale.noise).max(0.003);
+    let mut panel: Vec<Point3<f64>> = part
+        .iter()
+        .filter(|s| a.superpoints[**s].flat && posed.pieces[**s].normal.dot(&normal).abs() > 0.97)
+        .flat_map(|s| a.superpoints[*s].points.iter().map(|i| posed.points[*i as usize]))
+        .filter(|p| (p - at).dot(&normal).abs() < near)
+        .collect();
+    if panel.len() < 10 {
+        panel.clone_from(&points);
+    }
+    let flat_share = panel.len() as f64 / points.len().max(1) as f64;
+    Shape { low, high, center: nalgebra::center(&low, &high), points, panel, normal, flat_share }
+}
+
+/// Most points of the rest of the object that distances are taken to.
+const REST: usize = 3000;
+
+/// The nine candidates of a part, given by its superpoints.
+pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
+    let s = shape(posed, part);
+    let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| part.contains(&(k as usize)));
+    let rest: Vec<usize> = (0..posed.points.len()).filter(|i| !own(i)).collect();
+    let rest: Vec<Point3<f64>> = rest.iter().step_by(rest.len() / REST + 1).map(|i| posed.points[*i]).collect();
+    let size = posed.high - posed.low;
+    let diagonal = posed.diagonal();
+    let from_rest = |p: &Point3<f64>| rest.iter().map(|q| (q - p).norm_squared()).fold(0.09, f64::min).sqrt();
+    // What stands out of the panel, away from the object's middle: a handle, most likely.
+    let outward = {
+        let middle = nalgebra::center(&posed.low, &posed.high);
+        let n = s.normal;
+        let sign = if s.normal.x.abs() > 0.3 { s.normal.x.signum() } else { (s.center - middle).dot(&n).signum() };
+        n * sign
+    };
+    let panel_at = s.panel.iter().map(|p| p.coords.dot(&outward)).sum::<f64>() / s.panel.len().max(1) as f64;
+    let least = (3.0 * posed.analysis.scale.noise).max(0.008);
+    let proud: Vec<Point3<f64>> = s
+        .points
+        .iter()
+        .filter(|p| {
+            let off = p.coords.dot(&outward) - panel_at;
+            off > least && off < 0.12
+        })
+        .copied()
+        .collect();
+    let grip = (proud.len() >= 6).then(|| {
+        let mean = proud.iter().map(|p| p.coords).sum::<Vector3<f64>>() / proud.len() as f64;
+        let spread = proud.iter().map(|p| (p.coords - mean).map(|x| x * x)).sum::<Vector3<f64>>() / proud.len() as f64;
+        (Point3::from(mean), spread.map(f64::sqrt))
+    });
+    let shared = |out: &mut Vec<f64>| {
+        let extent = s.high - s.low;
+        out.extend((extent * 2.0).iter());
+        for k in 0..3 {
+            out.push((s.center[k] - posed.low[k]) / size[k].max(1e-3));
+        }
+        out.extend([(s.low.x - posed.face) * 10.0, (s.high.x - posed.face) * 10.0]);
+        out.extend(s.normal.map(|x| x * x).iter());
+        out.push(s.flat_share);
+        out.push(diagonal.ln());
+    };
+    let mut all = Vec::with_capacity(COUNT);
+    let push = |all: &mut Vec<Candidate>, mut c: Candidate, own: &[f64]| {
+        let mut features = vec![0.0; COUNT];
+        features[all.len()] = 1.0;
+        shared(&mut features);
+        features.extend(own);
+        features.resize(FEATURES, 0.0);
+        c.features = features;
+        all.push(c);
+    };
+    for axis in [Vector3::x(), Vector3::y(), -Vector3::y()] {
+        let back = s.low.coords.dot(&axis).min(s.high.coords.dot(&axis));
+        let c = Candidate {
+            slides: true,
+            axis,
+            origin: s.center,
+            along: axis,
+            across: Vector3::z(),
+            length: (s.high - s.low).dot(&axis).abs(),
+            features: Vec::new(),
+        };
+        let handle = grip.map_or([0.0; 4], |(at, spread)| {
+            [
+                1.0,
+                (at - s.center).dot(&axis) * 5.0,
+                spread.y / (spread.y + spread.z + 1e-3),
+                (at.z - s.low.z) / (s.high.z - s.low.z).max(0.02),
+            ]
+        });
+        let free = from_rest(&s.center);
+        push(&mut all, c, &[back * 2.0, free * 5.0, handle[0], handle[1], handle[2], handle[3]]);
+    }
+    for k in [2, 1, 0] {
+        let mut axis = Vector3::zeros();
+        axis[k] = 1.0;
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        let flat = |p: &Point3<f64>| Vector2::new(p[i], p[j]);
+        let section: Vec<Vector2<f64>> = s.panel.iter().map(flat).collect();
+        let n = section.len().max(1) as f64;
+        let mean = section.iter().sum::<Vector2<f64>>() / n;
+        // A panel across the axis has no stroke of its own: its extents serve.
+        let direction = match s.normal[k].abs() < 0.5 {
+            true => Vector2::new(-s.normal[j], s.normal[i]).normalize(),
+            false => Vector2::new(1.0, 0.0),
+        };
+        let across = Vector2::new(-direction.y, direction.x);
+        let mut t: Vec<f64> = section.iter().map(|p| (p - mean).dot(&direction)).collect();
+        let (t0, t1) = (quantile(&mut t, 0.01), quantile(&mut t, 0.99));
+        let lift = |v: Vector2<f64>, w: f64| {
+            let mut p = Vector3::zeros();
+            (p[i], p[j], p[k]) = (v.x, v.y, w);
+            p
+        };
+        let middle = (s.low[k] + s.high[k]) / 2.0;
+        for (end, free, sign) in [(t0, t1, 1.0), (t1, t0, -1.0)] {
+            let origin = Point3::from(lift(mean + direction * end, middle));
+            let other = Point3::from(lift(mean + direction * free, middle));
+            let along = lift(direction * sign, 0.0);
+            let length = t1 - t0;
+            let ends = |p: &Point3<f64>| {
+                let mut low = *p;
+                let mut high = *p;
+                low[k] = 0.75 * s.low[k] + 0.25 * s.high[k];
+                high[k] = 0.25 * s.low[k] + 0.75 * s.high[k];
+                (from_rest(p) + from_rest(&low) + from_rest(&high)) / 3.0
+            };
+            let mut own = vec![along.x, along.y, along.z];
+            for m in 0..3 {
+                own.push((origin[m] - posed.low[m]) / size[m].max(1e-3));
+            }
+            own.push((origin.x - posed.face) * 10.0);
+            own.push(length * 2.0);
+            own.extend([ends(&origin) * 5.0, ends(&other) * 5.0]);
+            match grip {
+                Some((at, spread)) => {
+                    let t = (at - origin).dot(&along) / length.max(0.02);
+                    let w = (at[k] - s.low[k]) / (s.high[k] - s.low[k]).max(0.02);
+                    let level = spread[k] / (spread.norm() + 1e-3);
+                    own.extend([1.0, t, w, level]);
+                }
+                None => own.extend([0.0, 0.5, 0.5, 0.5]),
+            }
+            let c = Candidate { slides: false, axis, origin, along, across: lift(across * sign, 0.0), length, features: Vec::new() };
+            push(&mut all, c, &own);
+        }
+    }
+    all
+}
+
+impl Candidate {
+    /// The point of a line that is nearest the part, across the axis, as residuals of this candidate.
+    pub(crate) fn residual(&self, point: &Point3<f64>) -> [f64; 2] {
+        let d = point - self.origin;
+        [d.dot(&self.along) / RESIDUAL, d.dot(&self.across) / RESIDUAL]
+    }
+
+    /// The origin with residuals applied.
+    pub(crate) fn corrected(&self, residual: [f64; 2]) -> Point3<f64> {
+        self.origin + self.along * (residual[0] * RESIDUAL) + self.across * (residual[1] * RESIDUAL)
+    }
+}

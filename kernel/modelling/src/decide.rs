@@ -1,0 +1,305 @@
+//! What the network makes of an analysis: which side is the front, which superpoints are one part, and how each part moves.
+
+use nalgebra::{Point3, Unit, Vector3};
+
+use crate::ModellingError;
+use crate::analysis::Analysis;
+use crate::candidate::Candidate;
+use crate::feature::CANDIDATES;
+use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
+use crate::side::Side;
+
+/// Classes in the order of the network's outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PartClass {
+    /// What stands still.
+    Body,
+    /// A panel on an upright hinge, or one that slides sideways.
+    Door,
+    /// A front with a box behind it.
+    Drawer,
+    /// A panel on top, hinged at an edge.
+    Lid,
+    /// A panel on a level hinge that stands upright when shut.
+    Flap,
+}
+
+impl PartClass {
+    const ALL: [Self; CLASSES] = [Self::Body, Self::Door, Self::Drawer, Self::Lid, Self::Flap];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Body => "body",
+            Self::Door => "door",
+            Self::Drawer => "drawer",
+            Self::Lid => "lid",
+            Self::Flap => "flap",
+        }
+    }
+}
+
+/// A way in which a part may move. In W.
+#[derive(Debug, Clone)]
+pub(crate) struct Motion {
+    pub(crate) slides: bool,
+    pub(crate) axis: Unit<Vector3<f64>>,
+    pub(crate) origin: Point3<f64>,
+    pub(crate) probability: f64,
+    /// Where it stands, rad or m from shut.
+    pub(crate) state: f64,
+    /// Most that it opens.
+    pub(crate) upper: f64,
+}
+
+/// A part that moves.
+#[derive(Debug, Clone)]
+pub(crate) struct Moving {
+    pub(crate) class: PartClass,
+    pub(crate) confidence: f64,
+    /// Its superpoints.
+    pub(crate) pieces: Vec<usize>,
+    /// Fixed, revolute, prismatic.
+    pub(crate) probabilities: [f64; 3],
+    /// Ways to move, most likely first.
+    pub(crate) motions: Vec<Motion>,
+    /// Standard deviation of the axis, rad, and of its place, m.
+    pub(crate) uncertainty: [f64; 2],
+}
+
+/// What was decided.
+pub(crate) struct Decision {
+    pub(crate) parts: Vec<Moving>,
+    /// How sure the body is.
+    pub(crate) body_confidence: f64,
+    /// Probability of the most likely part that was not taken for one.
+    pub(crate) doubt: f64,
+    /// Share of points on walls along the axes of the object's box.
+    pub(crate) walled: f64,
+}
+
+/// Furniture is made of walls: where fewer points than this share lie on any, the network is not asked about parts. It has learned from
+/// furniture alone, and would see panels in a ball.
+pub(crate) const WALLED: f64 = 0.3;
+
+/// Asks the network about all four sides, and about the front in full.
+pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision, ModellingError> {
+    let n = analysis.superpoints.len();
+    let mut plain = Plain { weights: &weights.matrices };
+    let mut best: Option<(f32, Side<'_>, Trunk<Matrix>)> = None;
+    for quarter in 0..4 {
+        let side = Side::new(analysis, quarter);
+        let f = side.features();
+        let mut network = Network::new(&mut plain);
+        let trunk = network.trunk(f.pieces, f.points, f.pairs)?;
+        let score = network.front(&trunk, n)?[0];
+        if best.as_ref().is_none_or(|b| score > b.0) {
+            best = Some((score, side, trunk));
+        }
+    }
+    let Some((_, side, trunk)) = best else {
+        return Err(ModellingError::TooFew { finite: 0, total: 0, least: crate::prepare::LEAST });
+    };
+    let mut network = Network::new(&mut plain);
+    let mut classes = network.classes(&trunk)?;
+    softmax_rows(&mut classes);
+    let on_walls = analysis.superpoints.iter().filter(|s| s.axial.is_some()).map(|s| s.points.len()).sum::<usize>();
+    let walled = on_walls as f64 / analysis.points.len().max(1) as f64;
+    let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < 0.5).collect();
+    let doubt = (0..n).filter(|i| classes[(*i, 0)] >= 0.5).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
+    let groups = group(analysis, &mut network, &trunk, &moving, n)?;
+    let total = analysis.points.len();
+    let size = |g: &[usize]| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum::<usize>();
+    let groups: Vec<Vec<usize>> = groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total).collect();
+    let mut body_confidence = (0.0, 0.0);
+    for i in 0..n {
+        if classes[(i, 0)] >= 0.5 {
+            let w = analysis.superpoints[i].points.len() as f64;
+            body_confidence.0 += w * f64::from(classes[(i, 0)]);
+            body_confidence.1 += w;
+        }
+    }
+    let mut parts = Vec::new();
+    if !groups.is_empty() {
+        let options = side.options(&groups);
+        let out = network.joints(&trunk, n, &groups, options.rows())?;
+        for (g, pieces) in groups.iter().enumerate() {
+            parts.push(moving_part(analysis, &side, &classes, pieces, &options.parts[g], &out, g * CANDIDATES));
+        }
+    }
+    // The larger ones first: names count from there.
+    parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
+    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), doubt, walled })
+}
+
+/// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.
+fn group(
+    analysis: &Analysis,
+    network: &mut Network<'_, Plain<'_>>,
+    trunk: &Trunk<Matrix>,
+    moving: &[usize],
+    n: usize,
+) -> Result<Vec<Vec<usize>>, ModellingError> {
+    let m = moving.len();
+    let pairs: Vec<(usize, usize)> = (0..m).flat_map(|a| (a + 1..m).map(move |b| (a, b))).collect();
+    let mut odds = vec![0.0; m * m];
+    if !pairs.is_empty() {
+        let asked: Vec<(usize, usize)> = pairs.iter().map(|(a, b)| (moving[*a], moving[*b])).collect();
+        let answers = network.same_part(trunk, n, &asked)?;
+        for (k, (a, b)) in pairs.iter().enumerate() {
+            odds[a * m + b] = f64::from(answers[k]);
+            odds[b * m + a] = odds[a * m + b];
+        }
+    }
+    let weight: Vec<f64> = moving.iter().map(|i| (analysis.superpoints[*i].points.len() as f64).sqrt()).collect();
+    let mut groups: Vec<Vec<usize>> = (0..m).map(|a| vec![a]).collect();
+    loop {
+        let mut best: Option<(f64, usize, usize)> = None;
+        for i in 0..groups.len() {
+            for j in i + 1..groups.len() {
+                let (mut sum, mut total) = (0.0, 0.0);
+                for a in &groups[i] {
+                    for b in &groups[j] {
+                        let w = weight[*a] * weight[*b];
+                        sum += w * odds[a * m + b];
+                        total += w;
+                    }
+                }
+                let mean = sum / total;
+                if mean > 0.0 && best.is_none_or(|x| mean > x.0) {
+                    best = Some((mean, i, j));
+                }
+            }
+        }
+        let Some((_, i, j)) = best else { break };
+        let from = groups.swap_remove(j);
+        groups[i].extend(from);
+    }
+    Ok(groups.into_iter().map(|g| g.into_iter().map(|a| moving[a]).collect()).collect())
+}
+
+fn moving_part(
+    analysis: &Analysis,
+    side: &Side<'_>,
+    classes: &Matrix,
+    pieces: &[usize],
+    candidates: &[Candidate],
+    out: &Matrix,
+    row: usize,
+) -> Moving {
+    let mut share = [0.0; CLASSES];
+    let mut total = 0.0;
+    for i in pieces {
+        let w = analysis.superpoints[*i].points.len() as f64;
+        total += w;
+        for (k, s) in share.iter_mut().enumerate() {
+            *s += w * f64::from(classes[(*i, k)]);
+        }
+    }
+    share.iter_mut().for_each(|s| *s /= f64::max(total, 1.0));
+    let best = (1..CLASSES).max_by(|a, b| share[*a].total_cmp(&share[*b])).unwrap_or(1);
+    let lid = share[3] > share[4];
+    let mut p = Matrix::from_fn(1, CANDIDATES, |_, c| out[(row + c, 0)]);
+    softmax_rows(&mut p);
+    let fixed = share[0];
+    let slides: f64 = candidates.iter().zip(p.iter()).filter(|(c, _)| c.slides).map(|(_, p)| f64::from(*p)).sum();
+    let mut motions: Vec<Motion> = candidates
+        .iter()
+        .enumerate()
+        .map(|(c, candidate)| {
+            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-2.0, 2.0));
+            motion(side, pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
+        })
+        .collect();
+    motions.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    // The type first, then the best of that type.
+    let slides_more = slides > 0.5;
+    if let Some(first) = motions.iter().position(|m| m.slides == slides_more) {
+        let chosen = motions.remove(first);
+        motions.insert(0, chosen);
+    }
+    let sure = motions.first().map_or(0.0, |m| m.probability);
+    Moving {
+        class: PartClass::ALL[best],
+        confidence: (1.0 - fixed).clamp(0.0, 1.0),
+        pieces: pieces.to_vec(),
+        probabilities: [fixed, (1.0 - fixed) * (1.0 - slides), (1.0 - fixed) * slides],
+        motions,
+        uncertainty: [0.02 + 0.3 * (1.0 - sure), 0.01 + 0.1 * (1.0 - sure)],
+    }
+}
+
+/// A candidate as a motion: the sign that opens, the state, the limit.
+fn motion(side: &Side<'_>, pieces: &[usize], c: &Candidate, residual: [f64; 2], probability: f64, lid: bool) -> Motion {
+    let posed = &side.posed;
+    let R_WK = (posed.R_KA * posed.analysis.R_AW).inverse();
+    let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| pieces.contains(&(k as usize)));
+    let rest = |k: usize, share: f64| {
+        let mut v: Vec<f64> = (0..posed.points.len()).filter(|i| !own(i)).map(|i| posed.points[i][k]).collect();
+        if v.is_empty() {
+            return if share < 0.5 { posed.low[k] } else { posed.high[k] };
+        }
+        v.sort_by(f64::total_cmp);
+        v[((v.len() - 1) as f64 * share) as usize]
+    };
+    let (axis, origin, state, upper);
+    if c.slides {
+        axis = c.axis;
+        origin = c.origin;
+        if c.axis.x > 0.5 {
+            // The foremost of the part's flat pieces across x, against the front of the rest.
+            let foremost = pieces
+                .iter()
+                .filter(|i| posed.pieces[**i].axial == Some(0))
+                .map(|i| (posed.pieces[*i].center.x, posed.analysis.superpoints[*i].points.len()))
+                .max_by_key(|x| x.1)
+                .map_or(c.origin.x, |x| x.0);
+            let out = foremost - posed.face;
+            state = if out > 0.03 { out } else { 0.0 };
+            let depth = (rest(0, 0.98) - rest(0, 0.02)).max(0.15);
+            upper = (0.8 * depth).max(state + 0.02);
+        } else {
+            state = 0.0;
+            upper = c.length.max(0.1);
+        }
+    } else {
+        origin = c.corrected(residual);
+        let about = c.axis;
+        let down = c.along;
+        // Where the free end goes first when the part opens, and along what it lies when shut.
+        let lies = if about.y.abs() < 0.5 {
+            Vector3::y()
+        } else if lid {
+            Vector3::x()
+        } else {
+            Vector3::z()
+        };
+        let opens = if about.x.abs() > 0.5 || (lid && about.y.abs() > 0.5) { Vector3::z() } else { Vector3::x() };
+        let k = lies.iamax();
+        let (low, high) = (rest(k, 0.01), rest(k, 0.99));
+        // Of the two ways to lie when shut, the one that stays within the rest of the object; where both do, the nearer one.
+        let beyond = |sign: f64| {
+            let end = origin[k] + sign * c.length;
+            (low - end).max(end - high).max(0.0)
+        };
+        let (plus, minus) = (beyond(1.0), beyond(-1.0));
+        let nearer = if down[k] >= 0.0 { 1.0 } else { -1.0 };
+        let sign = if (plus - minus).abs() > 0.25 * c.length { if plus < minus { 1.0 } else { -1.0 } } else { nearer };
+        let shut = lies * sign;
+        axis = shut.cross(&opens);
+        let mut angle = down.dot(&opens).atan2(down.dot(&shut));
+        if angle < -0.35 {
+            angle += std::f64::consts::TAU;
+        }
+        state = if (0.03..4.3).contains(&angle) { angle } else { 0.0 };
+        let usual = if opens.z > 0.5 {
+            1.9
+        } else if about.z.abs() > 0.5 {
+            2.1
+        } else {
+            1.57
+        };
+        upper = f64::max(usual, state + 0.05);
+    }
+    Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper }
+}

@@ -1,0 +1,102 @@
+//! What is not the object: the level surface that it stands on. And whether there are several objects.
+//!
+//! A support reaches beyond what stands on it. A level surface that ends where the object ends is a part of the object.
+
+use nalgebra::Point3;
+
+use crate::ModellingError;
+use crate::grid::Grid;
+use crate::normal::Local;
+
+/// Which points are the object's; the height of the surface that was taken away, if any.
+pub(crate) struct Cleared {
+    pub(crate) object: Vec<bool>,
+    pub(crate) support: Option<f64>,
+}
+
+/// Takes the support away.
+pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Cleared {
+    let all = Cleared { object: vec![true; points.len()], support: None };
+    let level = |i: &usize| local[*i].normal.z.abs() > 0.94;
+    let band = (3.0 * cell).max(0.012);
+    // The lowest height at which much is level.
+    let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let mut heights: Vec<f64> = (0..points.len()).filter(level).map(|i| points[i].z).collect();
+    heights.sort_by(f64::total_cmp);
+    let Some(z) = heights.iter().enumerate().find_map(|(k, z)| {
+        let within = heights[k..].iter().take_while(|h| **h < z + band).count();
+        (within > points.len() / 25).then(|| heights[k + within / 2])
+    }) else {
+        return all;
+    };
+    // Little may lie below it.
+    if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 || z > lowest + 0.3 {
+        return all;
+    }
+    let footprint = |keep: &dyn Fn(&Point3<f64>) -> bool| {
+        let mut xs: Vec<f64> = points.iter().filter(|p| keep(p)).map(|p| p.x).collect();
+        let mut ys: Vec<f64> = points.iter().filter(|p| keep(p)).map(|p| p.y).collect();
+        if xs.len() < 30 {
+            return None;
+        }
+        xs.sort_by(f64::total_cmp);
+        ys.sort_by(f64::total_cmp);
+        let cut = xs.len() / 100;
+        Some([xs[cut], xs[xs.len() - 1 - cut], ys[cut], ys[ys.len() - 1 - cut]])
+    };
+    let (Some(ground), Some(above)) = (footprint(&|p| (p.z - z).abs() < band), footprint(&|p| p.z > z + band)) else { return all };
+    let margin = 0.08 * (above[1] - above[0]).hypot(above[3] - above[2]);
+    let beyond = [above[0] - ground[0], ground[1] - above[1], above[2] - ground[2], ground[3] - above[3]];
+    if beyond.iter().filter(|b| **b > margin).count() < 2 {
+        return all;
+    }
+    Cleared { object: points.iter().map(|p| p.z > z + 0.6 * band).collect(), support: Some(z) }
+}
+
+/// Components of points that lie nearer than a distance to one another: of each point its component, and their sizes.
+pub(crate) fn components(points: &[Point3<f64>], reach: f64) -> (Vec<u32>, Vec<usize>) {
+    let grid = Grid::new(points, reach);
+    let mut of = vec![u32::MAX; points.len()];
+    let mut sizes = Vec::new();
+    for start in 0..points.len() {
+        if of[start] != u32::MAX {
+            continue;
+        }
+        let id = sizes.len() as u32;
+        let mut stack = vec![start];
+        of[start] = id;
+        let mut size = 0;
+        while let Some(i) = stack.pop() {
+            size += 1;
+            grid.near(&points[i], reach, |j, _| {
+                if of[j] == u32::MAX {
+                    of[j] = id;
+                    stack.push(j);
+                }
+            });
+        }
+        sizes.push(size);
+    }
+    (of, sizes)
+}
+
+/// Errors where far apart lie two things that are both large. Crumbs are marked off the object.
+pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<(), ModellingError> {
+    let kept: Vec<usize> = (0..points.len()).filter(|i| object[*i]).collect();
+    let coarse: Vec<Point3<f64>> = kept.iter().map(|i| points[*i]).collect();
+    let (of, sizes) = components(&coarse, (0.15 * diagonal).clamp(0.05, 0.4));
+    let total = coarse.len();
+    let large: Vec<usize> = sizes.iter().copied().filter(|s| *s * 8 > total).collect();
+    if large.len() > 1 {
+        let shares = large.iter().map(|s| format!("{:.0} %", 100.0 * *s as f64 / total as f64)).collect();
+        return Err(ModellingError::Several { count: large.len(), shares });
+    }
+    let most = sizes.iter().copied().max().unwrap_or(0);
+    for (i, c) in kept.iter().zip(of) {
+        let size = sizes[c as usize];
+        if size < most && size * 200 < total {
+            object[*i] = false;
+        }
+    }
+    Ok(())
+}

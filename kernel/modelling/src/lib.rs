@@ -1,0 +1,42 @@
+//! From the point cloud of an unseen object to its model: parts, joints, shapes.
+//!
+//! A cloud is thinned, what it stands on is taken away, and its surface is cut into *superpoints*: flat pieces and lumps
+//! ([`analyse`]). Furniture is box-like, so a frame with z up and sides along its walls is found from the normals; which of
+//! the four upright sides is the front is asked of the network. The network ([`network`]) sees superpoints, their points and how
+//! two of them lie to one another, and answers: body, door, drawer, lid or flap; one part or two; and which of a part's few
+//! candidate joints it moves by. Candidates come from geometry: hinges at the two ends of the part's section, slides along its
+//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed ([`perceive()`]).
+//!
+//! After the paper's first stage (Lv et al., "Environment Initial Modeling"): segmentation into K parts, pairwise joint
+//! relation J and its spatial description C, a greedy directed tree. Furniture's parts hang in the body, so the tree's edges lead
+//! from there.
+//!
+//! Frames: `W` the world (z up), `A` the object's box (its axes along the walls), `K` the same with x out of the front.
+#![forbid(unsafe_code)]
+
+mod analysis;
+mod candidate;
+mod decide;
+mod error;
+mod feature;
+mod frame;
+mod grid;
+mod ground;
+pub mod network;
+mod normal;
+mod perceive;
+mod posed;
+mod prepare;
+mod report;
+mod side;
+mod solid;
+mod superpoint;
+
+pub use analysis::{Analysis, analyse};
+pub use decide::PartClass;
+pub use error::ModellingError;
+pub use feature::{CANDIDATES, Features, SAMPLES};
+pub use network::Weights;
+pub use perceive::{Perceived, perceive};
+pub use report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
+pub use side::{Options, Side};

@@ -1,0 +1,9 @@
+//! The learned part: its layers, its weights.
+
+mod algebra;
+mod architecture;
+mod weights;
+
+pub use algebra::{Algebra, Matrix, Plain, TINY, attention, softmax_rows};
+pub use architecture::{CLASSES, Network, Trunk};
+pub use weights::Weights;

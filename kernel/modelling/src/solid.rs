@@ -1,0 +1,133 @@
+//! Shapes of parts: each flat superpoint becomes a slab as thick as its noise, each lump a stack of small bars. All are closed, and
+//! none touches another, so that every edge of a mesh has two faces.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use sagci_model::TriangleMesh;
+
+use crate::analysis::Analysis;
+use crate::grid::{Cells, cell};
+
+/// A box at a pose in W.
+#[derive(Debug, Clone)]
+pub(crate) struct Slab {
+    pub(crate) X_WG: Isometry3<f64>,
+    pub(crate) half: Vector3<f64>,
+}
+
+/// Shapes of one part.
+pub(crate) struct Shapes {
+    /// Closed surface in W.
+    pub(crate) mesh: TriangleMesh,
+    /// A few boxes for collision, in W.
+    pub(crate) boxes: Vec<Slab>,
+}
+
+/// Least half thickness of a slab, m.
+const THIN: f64 = 0.002;
+/// Most boxes for collision.
+const BOXES: usize = 32;
+
+/// The shapes of some superpoints, and of points that belong to none of them.
+pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>]) -> Shapes {
+    let mut mesh = TriangleMesh::default();
+    let mut stacked: Vec<Point3<f64>> = loose.to_vec();
+    let mut boxes: Vec<(usize, Slab)> = Vec::new();
+    let to_world = UnitQuaternion::from_rotation_matrix(&analysis.R_AW.inverse());
+    for (number, i) in pieces.iter().enumerate() {
+        let s = &analysis.superpoints[*i];
+        let points: Vec<Point3<f64>> = s.points.iter().map(|p| analysis.points[*p as usize]).collect();
+        let (slab, tight) = slab(&points, s.flat.then_some(s.normal), s.axial, s.residual, analysis.scale.noise, number);
+        let world = Slab { X_WG: Isometry3::from_parts(Translation3::identity(), to_world) * slab.X_WG, half: slab.half };
+        if s.flat && tight {
+            add_box(&mut mesh, &world.X_WG, &world.half);
+        } else {
+            stacked.extend(&points);
+        }
+        boxes.push((points.len(), world));
+    }
+    // All in one, so that no two bars are the same.
+    bars(&mut mesh, &stacked, analysis.scale.spacing, to_world);
+    boxes.sort_by_key(|b| std::cmp::Reverse(b.0));
+    boxes.truncate(BOXES);
+    Shapes { mesh, boxes: boxes.into_iter().map(|b| b.1).collect() }
+}
+
+fn range(points: &[Point3<f64>], direction: &Vector3<f64>, cut: f64) -> (f64, f64) {
+    let mut t: Vec<f64> = points.iter().map(|p| p.coords.dot(direction)).collect();
+    t.sort_by(f64::total_cmp);
+    let k = ((t.len() - 1) as f64 * cut) as usize;
+    (t[k], t[t.len() - 1 - k])
+}
+
+/// The box about some points with a face along a normal; for lumps along the axes of A. And do the points fill it like a sheet?
+fn slab(
+    points: &[Point3<f64>],
+    normal: Option<Vector3<f64>>,
+    axial: Option<usize>,
+    residual: f64,
+    noise: f64,
+    number: usize,
+) -> (Slab, bool) {
+    let n = match (normal, axial) {
+        (Some(n), _) => n,
+        _ => Vector3::x(),
+    };
+    let level = Vector3::z().cross(&n);
+    let e1 = if level.norm() > 0.1 { level.normalize() } else { (Vector3::x() - n * n.x).normalize() };
+    let e2 = n.cross(&e1);
+    let R = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[n, e1, e2]));
+    let cut = if normal.is_some() { 0.003 } else { 0.0 };
+    let mut center = Vector3::zeros();
+    let mut half = Vector3::zeros();
+    for (k, e) in [n, e1, e2].iter().enumerate() {
+        let (a, b) = range(points, e, if k == 0 { 0.02 } else { cut });
+        center += e * ((a + b) / 2.0);
+        half[k] = ((b - a) / 2.0).max(THIN);
+    }
+    // Two faces of a thin board may have grown into one piece: then a slab would not hold their points.
+    let tight = half[0] < 0.0045_f64.max(2.2 * noise);
+    if normal.is_some() {
+        // Slightly unlike sizes, so that no two slabs share a corner.
+        half[0] = half[0].max(2.0 * residual).max(THIN) + 1e-6 * (number as f64 + 1.0);
+    }
+    (Slab { X_WG: Isometry3::from_parts(Translation3::from(center), UnitQuaternion::from_rotation_matrix(&R)), half }, tight)
+}
+
+/// Adds a closed box.
+fn add_box(mesh: &mut TriangleMesh, X: &Isometry3<f64>, half: &Vector3<f64>) {
+    let base = mesh.vertices.len() as u32;
+    for corner in 0..8 {
+        let sign = |k: usize| if corner >> k & 1 == 1 { 1.0 } else { -1.0 };
+        mesh.vertices.push(X * Point3::from(half.component_mul(&Vector3::new(sign(0), sign(1), sign(2)))));
+    }
+    for [a, b, c, d] in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
+        mesh.triangles.push([base + a, base + b, base + c]);
+        mesh.triangles.push([base + a, base + c, base + d]);
+    }
+}
+
+/// Adds bars of cells that hold points: runs along z, each a closed box a little smaller than its cells.
+fn bars(mesh: &mut TriangleMesh, points: &[Point3<f64>], spacing: f64, to_world: UnitQuaternion<f64>) {
+    let size = (1.2 * spacing).clamp(0.006, 0.009);
+    let mut cells: Cells<()> = Cells::default();
+    for p in points {
+        cells.insert(cell(p, size), ());
+    }
+    let mut keys: Vec<[i32; 3]> = cells.into_keys().collect();
+    keys.sort_unstable();
+    let mut k = 0;
+    while k < keys.len() {
+        let start = keys[k];
+        let mut end = start;
+        while k + 1 < keys.len() && keys[k + 1] == [end[0], end[1], end[2] + 1] {
+            k += 1;
+            end = keys[k];
+        }
+        k += 1;
+        let at = |c: i32| f64::from(c) * size;
+        let low = Vector3::new(at(start[0]), at(start[1]), at(start[2]));
+        let high = Vector3::new(at(start[0] + 1), at(start[1] + 1), at(end[2] + 1));
+        let X = Isometry3::from_parts(Translation3::identity(), to_world) * Translation3::from((low + high) / 2.0);
+        add_box(mesh, &X, &((high - low) / 2.0 - Vector3::repeat(0.02 * size)));
+    }
+}

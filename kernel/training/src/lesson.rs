@@ -1,0 +1,131 @@
+//! What is learned from: an object drawn, looked at, analysed, and its truth in the network's terms.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
+use sagci_modelling::network::Matrix;
+use sagci_modelling::{Side, analyse};
+
+/// The network's inputs for one side.
+pub struct Inputs {
+    /// Of superpoints.
+    pub pieces: Matrix,
+    /// Of their points.
+    pub points: Matrix,
+    /// Of pairs.
+    pub pairs: Matrix,
+}
+
+/// A true joint in the network's terms.
+pub struct JointTruth {
+    /// Which candidate.
+    pub candidate: usize,
+    /// What is left of the place; none for slides.
+    pub residual: Option<[f32; 2]>,
+}
+
+/// One object, seen from its front and from a wrong side.
+pub struct Lesson {
+    /// From the front.
+    pub front: Inputs,
+    /// From another side.
+    pub other: Inputs,
+    /// Class of each superpoint.
+    pub class: Vec<usize>,
+    /// Part of each superpoint.
+    pub part: Vec<i32>,
+    /// How much each superpoint counts: its share of points, and how pure it is.
+    pub weight: Vec<f32>,
+    /// Superpoints of each part whose joint is known.
+    pub parts: Vec<Vec<usize>>,
+    /// Their candidates.
+    pub candidates: Matrix,
+    /// Their joints.
+    pub joints: Vec<JointTruth>,
+}
+
+/// Number of a class in the network.
+pub fn class_number(class: Class) -> usize {
+    match class {
+        Class::Body => 0,
+        Class::Door => 1,
+        Class::Drawer => 2,
+        Class::Lid => 3,
+        Class::Flap => 4,
+    }
+}
+
+/// The lesson of an index; `None` where the object cannot be analysed (too little of it was seen).
+pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
+    let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "lesson");
+    // Storage furniture varies most, so it is drawn more often.
+    let category = match random.index(9) {
+        k @ 0..=5 => Category::ALL[k],
+        6 => Category::Refrigerator,
+        7 => Category::Door,
+        _ => Category::Storage,
+    };
+    // One thing in twelve has no moving part.
+    let of: Vec<&Family> = match random.chance(0.08) {
+        true => STILL.iter().filter(|f| f.held_out == held_out).collect(),
+        false => families(category, held_out),
+    };
+    let family = of[random.index(of.len())];
+    let object = family.draw(&mut random);
+    let how = Look::draw(&mut random);
+    let cloud = look(&object, &how, &mut random);
+    let analysis = analyse(&cloud.points).ok()?;
+    let n = analysis.pieces();
+    let mut votes: Vec<BTreeMap<i32, f64>> = vec![BTreeMap::new(); n];
+    for (part, piece) in cloud.part.iter().zip(analysis.piece_of_input()) {
+        if let Some(piece) = piece {
+            *votes[piece as usize].entry(*part).or_default() += 1.0;
+        }
+    }
+    let mut part = Vec::with_capacity(n);
+    let mut weight = Vec::with_capacity(n);
+    let total: f64 = votes.iter().flat_map(BTreeMap::values).sum();
+    for v in &votes {
+        let sum: f64 = v.values().sum();
+        let best = v.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or((0, 0.0), |(p, c)| (*p, *c));
+        part.push(best.0.max(0));
+        let pure = best.1 / sum.max(1.0);
+        weight.push((pure * pure * (sum / total * 20.0).sqrt().clamp(0.15, 2.0)) as f32);
+    }
+    let class = part.iter().map(|p| class_number(object.parts[*p as usize].class)).collect();
+    let out = cloud.X_WF.rotation * Vector3::x();
+    let sides: Vec<Side<'_>> = (0..4).map(|q| Side::new(&analysis, q)).collect();
+    let best = (0..4).max_by(|a, b| sides[*a].front().dot(&out).total_cmp(&sides[*b].front().dot(&out)))?;
+    let front = &sides[best];
+    let inputs = |s: &Side<'_>| {
+        let f = s.features();
+        Inputs { pieces: f.pieces, points: f.points, pairs: f.pairs }
+    };
+    let other = inputs(&sides[(best + 1 + random.index(3)) % 4]);
+    let mut parts = Vec::new();
+    let mut truth = Vec::new();
+    for joint in &object.joints {
+        let own: Vec<usize> = (0..n).filter(|i| part[*i] == joint.part as i32).collect();
+        let seen: f64 = own.iter().map(|i| votes[*i].values().sum::<f64>()).sum();
+        if seen < 30.0 {
+            continue;
+        }
+        parts.push(own);
+        truth.push(joint);
+    }
+    let options = front.options(&parts);
+    let mut kept = Vec::new();
+    let mut joints = Vec::new();
+    for (k, joint) in truth.iter().enumerate() {
+        let (axis, origin) = cloud.joint(joint);
+        let slides = joint.kind == Kind::Prismatic;
+        if let Some((candidate, residual)) = front.target(&options, k, slides, &axis, &origin) {
+            kept.push(parts[k].clone());
+            let residual = (!slides).then(|| residual.map(|x| x.clamp(-2.0, 2.0) as f32));
+            joints.push(JointTruth { candidate, residual });
+        }
+    }
+    let candidates = front.options(&kept).rows();
+    Some(Lesson { front: inputs(front), other, class, part, weight, parts: kept, candidates, joints })
+}

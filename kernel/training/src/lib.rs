@@ -1,0 +1,128 @@
+//! Trains the networks of the crate `modelling` on furniture of the crate `furniture`.
+//!
+//! The network is written once, over an algebra; here it runs on a tape that carries gradients back. No framework is used: the one
+//! that measures fastest on a processor brings some five hundred packages into the lock file for a network of a hundred thousand weights,
+//! and plain matrices are faster still. Everything is drawn from one seed, gradients are summed in one order, and families
+//! marked as held out are never drawn, so a run can be repeated to the bit on one machine.
+#![forbid(unsafe_code)]
+
+mod adam;
+mod initial;
+mod lesson;
+mod loss;
+mod tape;
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use sagci_furniture::Random;
+use sagci_modelling::ModellingError;
+use sagci_modelling::network::{Matrix, Weights};
+use serde::Serialize;
+
+pub use lesson::{Lesson, lesson};
+pub use loss::{Score, learn};
+
+/// What a training run is made by.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Settings {
+    /// Everything is drawn from it.
+    pub seed: u64,
+    /// Objects that are learned from.
+    pub objects: u64,
+    /// How often each is seen.
+    pub epochs: usize,
+    /// Objects a step.
+    pub batch: usize,
+    /// Greatest rate of learning.
+    pub rate: f64,
+}
+
+/// Why training failed.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainingError {
+    /// The network and its weights do not fit.
+    #[error(transparent)]
+    Network(#[from] ModellingError),
+    /// Nothing to learn from.
+    #[error("none of {objects} objects could be analysed")]
+    NoLessons {
+        /// How many were drawn.
+        objects: u64,
+    },
+    /// Settings could not be written down.
+    #[error("the settings cannot be written: {0}")]
+    Settings(#[from] serde_json::Error),
+}
+
+/// Draws lessons, several at a time, in order. `held_out` draws from the families that are kept out of training.
+pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
+    (0..count).into_par_iter().filter_map(|i| lesson(seed, i, held_out)).collect()
+}
+
+/// Trains on lessons; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
+///
+/// Errors: no lesson at all.
+pub fn train(
+    settings: &Settings,
+    lessons: &[Lesson],
+    checked: &[Lesson],
+    log: &mut dyn FnMut(&str, &Weights),
+) -> Result<Weights, TrainingError> {
+    let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
+    let mut weights = loss::first_weights(settings.seed, first)?;
+    let batch = settings.batch.max(1);
+    let steps = settings.epochs * lessons.len().div_ceil(batch);
+    let mut adam = adam::Adam::new(steps, settings.rate);
+    let mut random = Random::new(settings.seed, "order");
+    let mut order: Vec<usize> = (0..lessons.len()).collect();
+    let mut lines = Vec::new();
+    let mut made = Weights { matrices: weights.clone(), made_by: String::new() };
+    for epoch in 0..settings.epochs {
+        random.shuffle(&mut order);
+        let mut total = Score::default();
+        for chunk in order.chunks(batch) {
+            let results: Vec<Result<(Score, BTreeMap<String, Matrix>), ModellingError>> = chunk
+                .par_iter()
+                .map(|i| {
+                    let mut g = BTreeMap::new();
+                    learn(&weights, &lessons[*i], Some(&mut g)).map(|s| (s, g))
+                })
+                .collect();
+            // Summed in the order of the batch, so that the number of threads does not change a bit.
+            let mut sum: BTreeMap<String, Matrix> = BTreeMap::new();
+            for result in results {
+                let (score, g) = result?;
+                total.add(&score);
+                for (name, d) in g {
+                    match sum.get_mut(&name) {
+                        Some(s) => *s += d,
+                        None => {
+                            sum.insert(name, d);
+                        }
+                    }
+                }
+            }
+            adam.step(&mut weights, &sum, chunk.len() as f32);
+        }
+        let mut line = format!("epoch {:3}  {}", epoch + 1, total.line());
+        if (epoch + 1) % 4 == 0 || epoch + 1 == settings.epochs {
+            line += &format!("\n     held out  {}", judge(&weights, checked)?.line());
+        }
+        lines.push(line.clone());
+        made.matrices.clone_from(&weights);
+        made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "log": lines }))?;
+        log(&line, &made);
+    }
+    Ok(made)
+}
+
+/// The loss on lessons, nothing learned.
+///
+/// Errors: weights that do not fit the network.
+pub fn judge(weights: &BTreeMap<String, Matrix>, lessons: &[Lesson]) -> Result<Score, ModellingError> {
+    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, None)).collect();
+    let mut total = Score::default();
+    scores?.iter().for_each(|s| total.add(s));
+    Ok(total)
+}
