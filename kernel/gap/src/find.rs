@@ -132,7 +132,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let force = search.force_between(&current, &best.fit)?;
         let nameless = search.nameless(&current, scale)?;
         say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
-        let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence);
+        // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
+        let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(&current, scale);
+        let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
         if gain < CONVINCING || !search.is_material(model, &current, &best.fit, force, options.window)? {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
@@ -232,7 +234,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         && !chosen.is_empty()
         && left.1.evidence > 2.0 * CONVINCING
         && left.1.force > MATERIAL * search.typical_force()[left.0]
-        && all.evidence > NEIGHBOUR * (search.evidence(&current, scale) - search.evidence(&refitted, scale))
+        && all.evidence > NEIGHBOUR * (search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale))
     {
         for gone in chosen.drain(..) {
             let reason = "comes near, but a force without a name fits better".to_owned();

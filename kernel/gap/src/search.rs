@@ -125,12 +125,21 @@ impl<'a> Search<'a> {
     }
 
     /// Logarithm of the evidence by Laplace's approximation: the likelihood and the prior at the best fit, and the share of the
-    /// prior's volume that the data leave (MacKay 2003, chapter 28).
+    /// prior's volume that the data leave (MacKay 2003, chapter 28). The errors are those by which models are compared.
     pub fn evidence(&self, fit: &Fit, scale: f64) -> f64 {
+        self.evidence_of(fit, fit.judged, scale)
+    }
+
+    /// The same with the errors that the fit itself made small.
+    pub fn evidence_in_fit(&self, fit: &Fit, scale: f64) -> f64 {
+        self.evidence_of(fit, fit.squares, scale)
+    }
+
+    fn evidence_of(&self, fit: &Fit, squares: f64, scale: f64) -> f64 {
         let hypothesis = &fit.hypothesis;
         let widths: f64 = hypothesis.fitted.iter().map(|f| f.prior[1].ln()).sum();
         let volume = nalgebra::Cholesky::new(fit.normal(scale).0).map_or(f64::NEG_INFINITY, |c| -c.l().diagonal().map(f64::ln).sum());
-        -0.5 * fit.judged / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
+        -0.5 * squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
     }
 
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.

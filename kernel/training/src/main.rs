@@ -8,17 +8,17 @@ use std::time::Instant;
 use clap::Parser;
 use sagci_training::{Settings, lessons, train};
 
-/// Trains the networks that read object models off point clouds.
+/// Trains the networks that read object models off point clouds. Left as they are, the settings are those of the weights that ship.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// Everything is drawn from it.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Objects that are learned from.
-    #[arg(long, default_value_t = 6000)]
+    #[arg(long, default_value_t = 2000)]
     objects: u64,
     /// How often each is seen.
-    #[arg(long, default_value_t = 16)]
+    #[arg(long, default_value_t = 12)]
     epochs: usize,
     /// Objects a step.
     #[arg(long, default_value_t = 16)]

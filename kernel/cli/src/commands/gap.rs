@@ -4,7 +4,7 @@ use sagci_gap::report::{Report, Verdict};
 use sagci_gap::{Found, GapError, Options, find, page};
 use sagci_library::Evidence;
 use sagci_model::{DOCUMENT_FILE, ObjectModel, URDF_FILE};
-use sagci_recording::Log;
+use sagci_recording::{Log, RecordingError};
 
 use crate::arguments::{Angles, Format, Gap, Places};
 use crate::commands::print;
@@ -48,13 +48,13 @@ pub fn model(text: &str, places: &Places) -> Result<Given, CliError> {
 }
 
 /// The recordings of a model.
-pub fn logs(paths: &[PathBuf], model: &ObjectModel, angles: Option<Angles>) -> Result<Vec<Log>, CliError> {
+pub fn logs(paths: &[PathBuf], model: &ObjectModel, angles: Option<Angles>) -> Result<Vec<Log>, RecordingError> {
     let angles = match angles {
         None => sagci_recording::Angles::Ask,
         Some(Angles::Rad) => sagci_recording::Angles::Radians,
         Some(Angles::Deg) => sagci_recording::Angles::Degrees,
     };
-    sagci_recording::read_with(paths, Some(model), &sagci_recording::Options { angles }).map_err(|e| CliError::Other(e.to_string()))
+    sagci_recording::read_with(paths, Some(model), &sagci_recording::Options { angles })
 }
 
 /// `sagci gap`.
@@ -71,11 +71,22 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
     if let Some(folder) = &arguments.out {
         check_folder(folder, &given)?;
     }
-    let train = logs(&arguments.data, &given, arguments.angles)?;
-    let held_out = if arguments.held_out.is_empty() { Vec::new() } else { logs(&arguments.held_out, &given, arguments.angles)? };
+    let unreadable = |e: RecordingError| CliError::Other(e.to_string());
+    let train = logs(&arguments.data, &given, arguments.angles).map_err(unreadable)?;
+    let mut notes = Vec::new();
+    let held_out = match logs(&arguments.held_out, &given, arguments.angles) {
+        _ if arguments.held_out.is_empty() => Vec::new(),
+        // Data in which nothing moves confirm nothing and deny nothing.
+        Err(RecordingError::Still { place, .. }) => {
+            notes.push(format!("{place}: nothing moves in these held-out data; the answer is given as if there were none"));
+            Vec::new()
+        }
+        read => read.map_err(unreadable)?,
+    };
     let progress = |text: &str| eprintln!("{text} ...");
     let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress), ..Options::default() };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
+    found.report.notes.extend(notes);
     if let Some(folder) = &arguments.out {
         found.report.model = folder.join("model.urdf").display().to_string();
     }
