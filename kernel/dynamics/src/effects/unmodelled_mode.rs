@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use super::{ABOVE_ZERO, Acts, Description, Law, Parameter, Partial, Prior, Sway, around, unit};
 
 /// With more of it nothing swings: it is a loss, and has another name.
-const SWINGS: [f64; 2] = [0.0, 0.7];
+const SWINGS: [f64; 2] = [0.0, 1.0];
 
 #[derive(Debug)]
 pub(super) struct UnmodelledMode;
