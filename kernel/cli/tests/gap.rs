@@ -291,6 +291,18 @@ fn one_trajectory_without_effort_is_answered_with_what_it_can_show() {
     assert_eq!(one_document(&said)["verdict"], "no_gap", "{}", said.out);
 }
 
+#[test]
+fn held_out_data_in_which_nothing_moves_deny_nothing() {
+    let bench = Bench::new();
+    let rows: Vec<[f64; 2]> = (0..500).map(|k| [0.01 * f64::from(k), 0.3]).collect();
+    bench.write("still.csv", csv("time,pivot.position", &rows));
+    let model = bench.path("pendulum/object.urdf");
+    let said = sagci(&["gap", &model, "--data", &bench.path("swing.csv"), "--held-out", &bench.path("still.csv"), "--format", "json"]);
+    let answer = one_document(&said);
+    assert_eq!(answer["effects"][0]["name"], "viscous_friction", "{}", said.out);
+    assert!(answer["gap"]["held_out"].is_null() && answer["notes"].to_string().contains("nothing moves"), "{}", said.out);
+}
+
 fn head(models: &str) -> String {
     std::fs::read_to_string(Path::new(models).join("pendulum/HEAD")).unwrap()
 }

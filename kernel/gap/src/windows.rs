@@ -240,7 +240,7 @@ impl Smoothed {
     /// Is a motion further from the measured one than the joints' ranges?
     fn is_lost(&self, motion: &Motion, index: usize, row: usize, ranges: &[f64]) -> bool {
         let measured = &self.runs[index].q[row * ranges.len()..];
-        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| !((q - y).abs() <= *range))
+        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > *range)
     }
 
     /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
