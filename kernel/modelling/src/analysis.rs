@@ -32,7 +32,7 @@ pub struct Analysis {
 
 /// Looks at a cloud in the world's frame.
 ///
-/// Errors: as [`crate::model`].
+/// Errors: as [`crate::perceive()`].
 pub fn analyse(input: &[Point3<f64>]) -> Result<Analysis, ModellingError> {
     let thinned = prepare::thin(input)?;
     let mut notes = Vec::new();
