@@ -8,6 +8,7 @@
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
 //!   weak by a share is a little more of all of it.
 
+use crate::GapError;
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::search::Search;
@@ -58,8 +59,8 @@ pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'
 
 impl Search<'_> {
     /// Names that these data cannot tell from a chosen one's. `base` is the model without effects.
-    pub fn alike(&self, choice: &Choice, base: &Fit, fit: &Fit) -> &'static [&'static str] {
-        let Some(j) = choice.best.joint else { return &[] };
+    pub fn alike(&self, choice: &Choice, base: &Fit, fit: &Fit) -> Result<&'static [&'static str], GapError> {
+        let Some(j) = choice.best.joint else { return Ok(&[]) };
         let model = &fit.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
         let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
@@ -68,20 +69,20 @@ impl Search<'_> {
             alone: self.names.len() == 1,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
-            gravity: self.gravity(base, j) > NONE * self.typical_force()[j],
+            gravity: self.gravity(base, j)? > NONE * self.typical_force()[j],
             seen: self.seen[j],
         };
         let scaled = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
             let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
             matches!(f.knob, crate::hypothesis::Knob::Effect(_, "scale_error")) && x.abs() > 3.0 * deviation
         });
-        alike(choice.best.effect, at, scaled)
+        Ok(alike(choice.best.effect, at, scaled))
     }
 
     /// Largest force of gravity on a joint along a fitted model's run, N m or N.
-    fn gravity(&self, fit: &Fit, j: usize) -> f64 {
+    fn gravity(&self, fit: &Fit, j: usize) -> Result<f64, GapError> {
         let n = self.names.len();
-        let runs = self.runs(fit).unwrap_or_default();
-        runs.iter().flat_map(|r| r.load.iter().skip(j).step_by(n)).fold(0.0, |a, f| a.max(f.abs()))
+        let runs = self.runs(fit)?;
+        Ok(runs.iter().flat_map(|r| r.load.iter().skip(j).step_by(n)).fold(0.0, |a, f| a.max(f.abs())))
     }
 }

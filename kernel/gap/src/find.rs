@@ -250,7 +250,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let final_entries = entries(&current.hypothesis);
     for (i, choice) in chosen.iter_mut().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
-        choice.equivalent = search.alike(choice, &refitted, &current);
+        choice.equivalent = search.alike(choice, &refitted, &current)?;
         let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.fall > SEEN));
         effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
     }
