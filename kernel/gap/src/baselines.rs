@@ -20,7 +20,7 @@ use sagci_dynamics::effects;
 use sagci_model::JointKind;
 
 use crate::GapError;
-use crate::fit::{Effort, Fit, Problem};
+use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::flexible;
 use crate::gaps::Measure;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
@@ -126,7 +126,7 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     let jacobian = problem.jacobian(&start.hypothesis, &start.hypothesis.x, &start.errors, &all)?;
     let condensed = start.hypothesis.condensed(&jacobian, scale);
     // Numbers that were let go stand where they stood only if those kept are asked anew.
-    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort { rounds: 6, enough: 0.5 }, None)
+    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::FRESH)
 }
 
 /// One term of the library on one joint.

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DVector;
 use sagci_dynamics::effects::{self, Acts};
 
 use crate::fit::Fit;
-use crate::hypothesis::Knob;
+use crate::hypothesis::{Fitted, Knob};
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
 use crate::search::{Candidate, Search};
 
@@ -32,25 +33,35 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64) -> Self {
+    pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64, scale: f64) -> Self {
         let best = candidates[0].clone();
         let mut this =
             Self { gain: best.evidence - here, best, others: Vec::new(), alike: Vec::new(), equivalent: &[], nameless, explained };
-        this.around(candidates, this.best.evidence, here);
+        this.around(candidates, [this.best.evidence, here], scale);
         this
     }
 
-    pub fn around(&mut self, candidates: &[Candidate], with: f64, without: f64) {
+    /// `with` and `without` it, by evidence; `scale` is that of the errors.
+    pub fn around(&mut self, candidates: &[Candidate], [with, without]: [f64; 2], scale: f64) {
         self.gain = with - without;
         let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
         self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
         let itself = candidates.iter().find(|c| !same(c)).unwrap_or(&self.best).clone();
-        let rivals = candidates
-            .iter()
-            .filter(same)
-            .filter(|c| (with - c.evidence).abs() < ALIKE && (c.joint == itself.joint || c.effect != itself.effect));
+        let near = |c: &&Candidate| (with - c.evidence).abs() < ALIKE && (c.joint == itself.joint || c.effect != itself.effect);
+        let says_more = |c: &&Candidate| c.fit.hypothesis.x.len() <= itself.fit.hypothesis.x.len() || !idle(&c.fit, scale);
+        let rivals = candidates.iter().filter(same).filter(near).filter(says_more);
         self.alike = std::iter::once(itself.clone()).chain(rivals.cloned()).collect();
     }
+}
+
+/// Do the data say nothing of a number of the last effect? Then it is a plainer one that has the same force, written with more numbers.
+fn idle(fit: &Fit, scale: f64) -> bool {
+    let fitted = &fit.hypothesis.fitted;
+    let last = fitted.iter().filter_map(|f| if let Knob::Effect(e, _) = f.knob { Some(e) } else { None }).next_back();
+    let says_nothing = |(f, column): (&Fitted, &DVector<f64>)| {
+        matches!(f.knob, Knob::Effect(e, _) if Some(e) == last) && column.norm() * f.prior[1] < scale
+    };
+    fitted.iter().zip(&fit.jacobian).any(says_nothing)
 }
 
 impl Search<'_> {
@@ -79,10 +90,7 @@ impl Search<'_> {
             let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
             parameters.insert((*name).to_owned(), value);
         }
-        let alike = |(name, joint, less): &&(&'static str, Option<usize>, f64)| {
-            less.abs() < ALIKE && (*joint == choice.best.joint || *name != what.effect)
-        };
-        let mut alternatives: Vec<String> = choice.others.iter().filter(alike).map(|o| o.0.to_owned()).collect();
+        let mut alternatives: Vec<String> = choice.alike[1..].iter().map(|c| c.effect.to_owned()).collect();
         alternatives.extend(choice.equivalent.iter().map(|n| (*n).to_owned()));
         alternatives.sort();
         alternatives.dedup();
@@ -90,11 +98,11 @@ impl Search<'_> {
         weights.push((-choice.gain).exp());
         weights.push((choice.nameless - choice.gain).min(50.0).exp());
         let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());
-        let reason = |less: f64| match less > 0.0 {
+        let reason = |less: f64| match less >= ALIKE {
             true => format!("fits less well: evidence e^-{less:.1} of the named effect's"),
             false => "has more numbers, and differs by less than any model is off by".to_owned(),
         };
-        let lost = choice.others.iter().filter(|o| o.2.abs() >= ALIKE && !alternatives.iter().any(|a| a == o.0));
+        let lost = choice.others.iter().filter(|o| !alternatives.iter().any(|a| a == o.0));
         let runners_up: Vec<Reason> = lost.take(5).map(|o| Reason { name: o.0.into(), reason: reason(o.2) }).collect();
         NamedEffect {
             name: what.effect.clone(),

@@ -25,7 +25,6 @@ use sagci_recording::CommandKind;
 use crate::GapError;
 use crate::choice::Choice;
 use crate::fit::{Fit, Problem};
-use crate::hypothesis::Knob;
 use crate::noise;
 use crate::plant::Plant;
 use crate::report::{Experiment, Reference, Unexplained};
@@ -230,15 +229,8 @@ pub(crate) fn question<'a>(search: &Search<'_>, chosen: &'a [Choice], current: &
     let at = confirmed.iter().position(|c| !c)?;
     let (choice, entry) = (chosen.get(at)?, *entries(&current.hypothesis).get(at)?);
     let joint = choice.best.joint.unwrap_or(0);
-    let without = without(search, current, entry)?;
+    let without = current.without(&search.problem, entry).ok()?;
     Some(Question { joint, named: (choice.best.effect, current), rivals: vec![("", without)], equivalent: &[], confirms: true })
-}
-
-/// A fit without one of its effects, its other numbers and their derivatives as they are.
-fn without(search: &Search<'_>, fit: &Fit, entry: usize) -> Option<Fit> {
-    let kept = |i: &usize| !matches!(fit.hypothesis.fitted[*i].knob, Knob::Effect(e, _) if e == entry);
-    let jacobian = (0..fit.jacobian.len()).filter(kept).map(|i| fit.jacobian[i].clone()).collect();
-    Some(Fit { jacobian, ..Fit::start(&search.problem, fit.hypothesis.without(entry)).ok()? })
 }
 
 /// Proposes an experiment for a question.

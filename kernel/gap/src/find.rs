@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
-use rayon::prelude::*;
 use sagci_dynamics::residual::Residual;
 use sagci_model::{Evidence, ObjectModel};
 use sagci_recording::Log;
@@ -111,14 +110,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let Some(first) = candidates.first() else { break };
         let mut next = search.scale(&first.fit);
         if let Some(noise) = search.likelier_noise(&first.fit)? {
-            // With the noise as it is, everything is weighed anew.
+            let before = search.evidence(&current, scale);
             search = search.with_noise(noise);
             base = search.refit(&base, next)?;
             current = if chosen.is_empty() { base.clone() } else { search.refit(&current, next)? };
-            candidates.truncate(6);
-            // One that cannot be simulated any more is out.
-            candidates =
-                candidates.into_par_iter().filter_map(|c| Some(Candidate { fit: search.refit(&c.fit, next).ok()?, ..c })).collect();
+            candidates = search.weigh_anew(candidates, before, next);
             next = candidates.iter().map(|c| search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
         }
         scale = next;
@@ -142,7 +138,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         }
         let explained = search.explained(&current, &best.fit, scale);
         current = best.fit.clone();
-        chosen.push(Choice::new(&candidates, here, without_name, explained));
+        chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
     }
 
     // A second look at each, now that the others are there.
@@ -151,7 +147,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let mut at = 0;
         while at < chosen.len() && chosen.len() > 1 {
             let all = entries(&current.hypothesis);
-            let alone = Fit::start(&search.problem, current.hypothesis.without(all[at])).and_then(|f| search.refit(&f, scale));
+            let alone = current.without(&search.problem, all[at]).and_then(|f| search.fit_on(f, scale));
             // What cannot be simulated without it needs it.
             let Ok(less) = alone else {
                 at += 1;
@@ -171,13 +167,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
                 current = best.fit.clone();
-                let choice = Choice::new(&candidates, without, chosen[at].nameless, search.explained(&less, &current, scale));
+                let explained = search.explained(&less, &current, scale);
+                let choice = Choice::new(&candidates, without, chosen[at].nameless, explained, scale);
                 chosen.remove(at);
                 chosen.push(choice);
                 at = 0;
                 continue;
             }
-            chosen[at].around(&candidates, with, without);
+            chosen[at].around(&candidates, [with, without], scale);
             chosen[at].explained = search.explained(&less, &current, scale);
             at += 1;
         }
@@ -190,8 +187,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     say("fitting to the end");
     let settled = search.problem.clone();
     search.finer();
-    let finer =
-        search.refit(&current, scale).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { search.refit(&base, scale)? }, fit)));
+    let on = |fit: &Fit| search.fit_on(fit.under(&search.problem)?, scale);
+    let finer = on(&current).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { on(&base)? }, fit)));
     let refitted = match finer {
         Ok((refitted, fit)) => {
             current = fit;
@@ -219,11 +216,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let all = entries(&current.hypothesis);
         let gone = chosen.remove(worst);
         contradicted.push(confirmed[worst].reason(gone.best.effect));
-        current = if chosen.is_empty() {
-            refitted.clone()
-        } else {
-            search.refit(&Fit::start(&search.problem, current.hypothesis.without(all[worst]))?, scale)?
-        };
+        current = if chosen.is_empty() { refitted.clone() } else { search.fit_on(current.without(&search.problem, all[worst])?, scale)? };
         scale = search.scale(&current);
         confirmed.clear();
     }

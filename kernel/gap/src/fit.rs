@@ -5,13 +5,21 @@
 //! ```
 //!
 //! `e` are normalised prediction errors, `s` how much larger they are than the noises alone would make them, `m` and `d` the priors.
-//! Derivatives are differences of whole runs: they hold for everything that a model can say, inner states and drives included.
+//! Derivatives are differences of whole runs: they hold for everything that a model can say, inner states and drives included. A run for
+//! each number is most of what a fit costs, so they are taken seldom: after a step that did what was foretold they are set right along
+//! it alone (Broyden 1965, in units of what each number moves the errors by),
+//!
+//! ```text
+//! J <- J + (de - J dx) dx^T D / (dx^T D dx),   D = diag(J^T J)
+//! ```
+//!
+//! and anew after one that did not.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::GapError;
-use crate::hypothesis::{Fitted, Hypothesis};
+use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Gains, Noise};
 use crate::plant::Plant;
@@ -31,6 +39,8 @@ pub(crate) struct Problem<'a> {
     pub limits: Vec<bool>,
     /// Longest step, s.
     pub step: f64,
+    /// Steps to first order are enough.
+    pub rough: bool,
     /// How much efforts accelerate joints, if that is not to be asked of each plant.
     pub mobility: Option<Vec<f64>>,
 }
@@ -41,7 +51,7 @@ impl<'a> Problem<'a> {
         let period = trajectories.first().map_or(0.005, Trajectory::period);
         let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.strain.iter().skip(j).step_by(t.joints));
         let most = (0..middle.len()).map(|j| efforts(j).filter(|u| u.is_finite()).fold(1e-6, |a: f64, u| a.max(u.abs()))).collect();
-        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, mobility: None }
+        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, rough: false, mobility: None }
     }
 
     /// The filter's gains for a plant.
@@ -62,18 +72,21 @@ impl<'a> Problem<'a> {
 
     /// Normalised prediction errors of a hypothesis at `x`, trajectory by trajectory.
     pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<DVector<f64>, GapError> {
-        let plant = hypothesis.plant(x, &self.limits, self.step)?;
-        let mut motion = plant.motion();
-        let mut errors = Vec::with_capacity(self.count());
-        for (trajectory, gains) in self.trajectories.iter().zip(&self.gains(&plant)) {
-            observer::run(&plant, trajectory, gains, &mut motion, &mut errors, None)?;
-        }
-        Ok(DVector::from_vec(errors))
-    }
-
-    /// Rows times joints, over all trajectories.
-    pub fn count(&self) -> usize {
-        self.trajectories.iter().map(|t| t.rows() * t.joints).sum()
+        let mut plant = hypothesis.plant(x, &self.limits, self.step)?;
+        plant.rough = self.rough;
+        let noise = self.noise(&plant);
+        // A session's inner states go on from one trajectory to the next.
+        let sessions = self.trajectories.chunk_by(|_, next| next.continues).collect::<Vec<_>>();
+        let run = |session: &&[Trajectory]| {
+            let mut motion = plant.motion();
+            let mut errors = Vec::with_capacity(session.iter().map(|t| t.rows() * t.joints).sum());
+            for trajectory in *session {
+                observer::run(&plant, trajectory, &Gains::new(trajectory, &noise), &mut motion, &mut errors, None)?;
+            }
+            Ok(errors)
+        };
+        let errors: Vec<Vec<f64>> = sessions.par_iter().map(run).collect::<Result<_, GapError>>()?;
+        Ok(DVector::from_vec(errors.concat()))
     }
 
     /// Number of errors that something was measured for.
@@ -119,7 +132,31 @@ pub(crate) struct Fit {
     pub jacobian: Vec<DVector<f64>>,
     /// The sum of squares by which it is compared with others: see [`Problem::judged`].
     pub judged: f64,
+    /// Fall of the cost since the derivatives were taken.
+    pub since: f64,
 }
+
+/// Where a fit's derivatives come from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Derivatives<'a> {
+    /// They begin as those that the fit has.
+    pub kept: bool,
+    /// The first, by known numbers, are taken as they are, to save runs; the numbers move all the same.
+    pub frozen: Option<&'a [DVector<f64>]>,
+}
+
+impl Derivatives<'_> {
+    /// All from runs.
+    pub const FRESH: Self = Self { kept: false, frozen: None };
+}
+
+/// Share of the fall it should have brought from which on a step did what was foretold, and how often one is damped.
+const TRUST: f64 = 0.25;
+const TRIES: usize = 6;
+/// How many times more than its last step a fit may still gain.
+const HOPE: f64 = 5.0;
+/// Fall of the cost beyond which derivatives are not those at the end.
+const FAR: f64 = 1.0;
 
 /// How hard a fit tries.
 #[derive(Debug, Clone, Copy)]
@@ -127,6 +164,14 @@ pub(crate) struct Effort {
     pub rounds: usize,
     /// Fall of the cost below which it ends.
     pub enough: f64,
+    /// Evidence that it has to come near to be worth going on.
+    pub bar: f64,
+}
+
+impl Effort {
+    pub const fn new(rounds: usize, enough: f64) -> Self {
+        Self { rounds, enough, bar: f64::NEG_INFINITY }
+    }
 }
 
 impl Fit {
@@ -134,7 +179,19 @@ impl Fit {
     pub fn start(problem: &Problem<'_>, hypothesis: Hypothesis) -> Result<Self, GapError> {
         let errors = problem.errors(&hypothesis, &hypothesis.x)?;
         let squares = errors.norm_squared();
-        Ok(Self { hypothesis, errors, squares, jacobian: Vec::new(), judged: squares })
+        Ok(Self { hypothesis, errors, squares, jacobian: Vec::new(), judged: squares, since: 0.0 })
+    }
+
+    /// The same numbers where the problem is weighed or stepped a little differently.
+    pub fn under(&self, problem: &Problem<'_>) -> Result<Self, GapError> {
+        Ok(Self { jacobian: self.jacobian.clone(), ..Self::start(problem, self.hypothesis.clone())? })
+    }
+
+    /// Without one of its effects, its other numbers and their derivatives as they are.
+    pub fn without(&self, problem: &Problem<'_>, entry: usize) -> Result<Self, GapError> {
+        let kept = |i: &usize| !matches!(self.hypothesis.fitted[*i].knob, Knob::Effect(e, _) if e == entry);
+        let jacobian = (0..self.jacobian.len()).filter(kept).map(|i| self.jacobian[i].clone()).collect();
+        Ok(Self { jacobian, ..Self::start(problem, self.hypothesis.without(entry))? })
     }
 
     /// Normal equations over the columns, with the priors: `(J^T J / s^2 + D^-2)` and the right-hand side of a step.
@@ -156,56 +213,108 @@ impl Fit {
         (matrix, right)
     }
 
-    /// Minimises. `frozen` are derivatives by the first numbers that are taken as they are, to save runs; they move all the same.
-    pub fn improve(mut self, problem: &Problem<'_>, scale: f64, effort: Effort, frozen: Option<&[DVector<f64>]>) -> Result<Self, GapError> {
-        let count = self.hypothesis.x.len();
-        let cost = |squares: f64, hypothesis: &Hypothesis, x: &[f64]| 0.5 * squares / (scale * scale) + hypothesis.prior(x);
+    /// Logarithm of the evidence by Laplace's approximation: the likelihood and the prior at the best fit, and the share of the
+    /// prior's volume that the data leave (MacKay 2003, chapter 28).
+    pub fn evidence(&self, squares: f64, scale: f64) -> f64 {
+        let hypothesis = &self.hypothesis;
+        let widths: f64 = hypothesis.fitted.iter().map(|f| f.prior[1].ln()).sum();
+        let volume = Cholesky::new(self.normal(scale).0).map_or(f64::NEG_INFINITY, |c| -c.l().diagonal().map(f64::ln).sum());
+        -0.5 * squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
+    }
+
+    /// Minimises.
+    pub fn improve(mut self, problem: &Problem<'_>, scale: f64, effort: Effort, begin: Derivatives<'_>) -> Result<Self, GapError> {
         let mut damping = 1e-3;
+        let mut kept = begin.kept;
         for _ in 0..effort.rounds {
-            let first = frozen.map_or(0, <[_]>::len);
-            let which: Vec<usize> = (first..count).collect();
-            let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
-            jacobian.extend(problem.jacobian(&self.hypothesis, &self.hypothesis.x, &self.errors, &which)?);
-            self.jacobian = jacobian;
-            let before = cost(self.squares, &self.hypothesis, &self.hypothesis.x);
-            let (matrix, right) = self.normal(scale);
-            let mut moved = false;
-            for _ in 0..6 {
-                let step = bounded_step(&matrix, &right, damping, &self.hypothesis.fitted, &self.hypothesis.x);
-                let x: Vec<f64> = self.hypothesis.x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
-                let tried = problem.errors(&self.hypothesis, &x);
-                let better = tried.ok().map(|e| (e.norm_squared(), e)).filter(|(s, _)| s.is_finite());
-                match better.filter(|(s, _)| cost(*s, &self.hypothesis, &x) < before) {
-                    Some((squares, errors)) => {
-                        self.hypothesis.x = x;
-                        // Until it is asked anew, as much as the fit itself gained.
-                        self.judged += squares - self.squares;
-                        (self.squares, self.errors) = (squares, errors);
-                        damping = (damping * 0.1).max(1e-9);
-                        moved = true;
-                        break;
-                    }
-                    None => damping = (damping * 10.0).max(1e-3),
-                }
+            let fresh = !kept;
+            if fresh {
+                self.differentiate(problem, begin.frozen)?;
             }
-            if !moved {
+            let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
+            kept = fall > TRUST * foretold;
+            if fall < effort.enough && (fresh || kept || foretold.abs() < effort.enough) {
                 break;
             }
-            if before - cost(self.squares, &self.hypothesis, &self.hypothesis.x) < effort.enough {
+            if self.evidence(self.judged, scale) + HOPE * fall.max(foretold) < effort.bar - HOPE {
                 break;
             }
         }
         Ok(self)
     }
 
-    /// Minimises to the end, with derivatives by the known numbers taken from `frozen` until near it, and leaves all derivatives fresh.
-    pub fn finish(self, problem: &Problem<'_>, scale: f64, frozen: Option<&[DVector<f64>]>) -> Result<Self, GapError> {
-        let mut fit = self;
-        if frozen.is_some() {
-            fit = fit.improve(problem, scale, Effort { rounds: 12, enough: 0.3 }, frozen)?;
+    /// Takes derivatives where the fit stands, but for those that are frozen.
+    fn differentiate(&mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
+        let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
+        let which: Vec<usize> = (jacobian.len()..self.hypothesis.x.len()).collect();
+        jacobian.extend(problem.jacobian(&self.hypothesis, &self.hypothesis.x, &self.errors, &which)?);
+        self.jacobian = jacobian;
+        self.since = 0.0;
+        Ok(())
+    }
+
+    /// One step, damped until it leads down: by how much, and by how much it should have. With derivatives that are not fresh one try is
+    /// enough to see that they are at fault.
+    fn step(&mut self, problem: &Problem<'_>, scale: f64, damping: &mut f64, fresh: bool) -> (f64, f64) {
+        let cost = |squares: f64, hypothesis: &Hypothesis, x: &[f64]| 0.5 * squares / (scale * scale) + hypothesis.prior(x);
+        let before = cost(self.squares, &self.hypothesis, &self.hypothesis.x);
+        let (matrix, right) = self.normal(scale);
+        let mut foretold = 0.0;
+        for _ in 0..if fresh { TRIES } else { 1 } {
+            let step = bounded_step(&matrix, &right, *damping, &self.hypothesis.fitted, &self.hypothesis.x);
+            foretold = right.dot(&step) - 0.5 * step.dot(&(&matrix * &step));
+            let x: Vec<f64> = self.hypothesis.x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
+            let tried = problem.errors(&self.hypothesis, &x).ok();
+            let better = tried.map(|e| (e.norm_squared(), e)).filter(|(s, _)| s.is_finite());
+            if let Some((squares, errors)) = better
+                && cost(squares, &self.hypothesis, &x) < before
+            {
+                self.set_right(&step, &(&errors - &self.errors));
+                // Until it is asked anew, as much as the fit itself gained.
+                self.judged += squares - self.squares;
+                self.hypothesis.x = x;
+                (self.squares, self.errors) = (squares, errors);
+                *damping = (*damping * 0.1).max(1e-9);
+                let fall = before - cost(self.squares, &self.hypothesis, &self.hypothesis.x);
+                self.since += fall;
+                return (fall, foretold);
+            }
+            *damping = (*damping * 10.0).max(1e-3);
         }
-        fit = fit.improve(problem, scale, Effort { rounds: if frozen.is_some() { 3 } else { 15 }, enough: 0.05 }, None)?;
-        Ok(fit)
+        (0.0, foretold)
+    }
+
+    /// Derivatives that say of a step what it did.
+    fn set_right(&mut self, step: &DVector<f64>, change: &DVector<f64>) {
+        let mut rest = change.clone();
+        for (column, d) in self.jacobian.iter().zip(step.iter()) {
+            rest.axpy(-d, column, 1.0);
+        }
+        let along: Vec<f64> = self.jacobian.iter().zip(step.iter()).map(|(column, d)| column.norm_squared() * d).collect();
+        let size: f64 = along.iter().zip(step.iter()).map(|(a, d)| a * d).sum();
+        if size > 0.0 {
+            for (column, a) in self.jacobian.iter_mut().zip(along) {
+                column.axpy(a / size, &rest, 1.0);
+            }
+        }
+    }
+
+    /// Minimises to the end and leaves all derivatives fresh, or near it. Frozen ones are renewed when it is near. What cannot be hoped to
+    /// come near the `bar`, an evidence, is left as it is.
+    pub fn finish(mut self, problem: &Problem<'_>, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Self, GapError> {
+        let (mut last, mut rest) = (Effort { bar, ..Effort::new(20, 0.2) }, begin);
+        if begin.frozen.is_some() {
+            self = self.improve(problem, scale, Effort { bar, ..Effort::new(16, 0.3) }, begin)?;
+            if self.evidence(self.judged, scale) < bar - 2.0 * HOPE {
+                return Ok(self);
+            }
+            (last.rounds, rest) = (5, Derivatives::FRESH);
+        }
+        self = self.improve(problem, scale, last, rest)?;
+        if self.since > FAR {
+            self.differentiate(problem, None)?;
+        }
+        Ok(self)
     }
 
     /// Covariance of what was fitted.
@@ -274,46 +383,46 @@ pub(crate) fn minimise(
 /// Longest change of a logarithm in one step: beyond it a linear model says nothing.
 const LONGEST: f64 = 1.5;
 
-/// A damped step that stays inside the bounds: numbers that would leave are put on their bound, and the rest solved anew.
+/// The damped step that brings the most inside the bounds: `min 1/2 s^T M s - r^T s` over a box, by an active set (Nocedal and Wright
+/// 2006, chapter 16.5). Numbers that would leave are put on their bound; those whose bound holds them back no longer are let go.
 fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping: f64, fitted: &[Fitted], x: &[f64]) -> DVector<f64> {
     let p = right.len();
+    let mut matrix = matrix.clone();
+    for i in 0..p {
+        matrix[(i, i)] *= 1.0 + damping;
+    }
+    let room = |i: usize| {
+        let reach = if fitted[i].logarithmic { LONGEST } else { f64::INFINITY };
+        [(fitted[i].bounds[0] - x[i]).max(-reach), (fitted[i].bounds[1] - x[i]).min(reach)]
+    };
     let mut held: Vec<Option<f64>> = vec![None; p];
     let mut step = DVector::zeros(p);
-    for _ in 0..=p {
+    for _ in 0..4 * p + 4 {
         let free: Vec<usize> = (0..p).filter(|i| held[*i].is_none()).collect();
-        let mut reduced = DMatrix::from_fn(free.len(), free.len(), |a, b| matrix[(free[a], free[b])]);
-        let mut rest = DVector::from_fn(free.len(), |a, _| right[free[a]]);
-        for (a, i) in free.iter().enumerate() {
-            reduced[(a, a)] *= 1.0 + damping;
-            for (j, value) in held.iter().enumerate() {
-                rest[a] -= matrix[(*i, j)] * value.unwrap_or(0.0);
-            }
-        }
-        let Some(factor) = Cholesky::new(reduced) else { return DVector::zeros(p) };
-        let solved = factor.solve(&rest);
         for (i, value) in held.iter().enumerate() {
             step[i] = value.unwrap_or(0.0);
         }
+        let rest = right - &matrix * &step;
+        let reduced = DMatrix::from_fn(free.len(), free.len(), |a, b| matrix[(free[a], free[b])]);
+        let Some(factor) = Cholesky::new(reduced) else { return DVector::zeros(p) };
+        let solved = factor.solve(&DVector::from_fn(free.len(), |a, _| rest[free[a]]));
         for (a, i) in free.iter().enumerate() {
-            step[*i] = solved[a];
-        }
-        let mut left = false;
-        for i in free {
-            let (lower, upper) = (fitted[i].bounds[0] - x[i], fitted[i].bounds[1] - x[i]);
-            let reach = if fitted[i].logarithmic { LONGEST } else { f64::INFINITY };
-            let kept = step[i].clamp(lower.max(-reach), upper.min(reach));
-            if kept != step[i] {
-                held[i] = Some(kept);
-                left = true;
+            let [low, high] = room(*i);
+            step[*i] = solved[a].clamp(low, high);
+            if step[*i] != solved[a] {
+                held[*i] = Some(step[*i]);
             }
         }
-        if !left {
-            break;
+        if free.iter().any(|i| held[*i].is_some()) {
+            continue;
         }
-    }
-    for (i, value) in held.iter().enumerate() {
-        if let Some(value) = value {
-            step[i] = *value;
+        // What pulls a held number back inside.
+        let slope = right - &matrix * &step;
+        let inward = |i: usize| if step[i] <= room(i)[0] { slope[i] } else { -slope[i] } / matrix[(i, i)].sqrt();
+        let pulled = (0..p).filter(|i| held[*i].is_some() && inward(*i) > 1e-9).max_by(|a, b| inward(*a).total_cmp(&inward(*b)));
+        match pulled {
+            Some(i) => held[i] = None,
+            None => break,
         }
     }
     step

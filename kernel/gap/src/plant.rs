@@ -19,6 +19,8 @@ pub(crate) struct Plant {
     behind_drives: Option<Box<Self>>,
     /// Longest step, s.
     pub step: f64,
+    /// Steps to first order are enough.
+    pub rough: bool,
 }
 
 /// Share of the time of a drive's loop that a step may take, and the shortest step, s.
@@ -80,6 +82,13 @@ impl Motion {
         }
     }
 
+    /// Keeps the mean accelerations over an interval.
+    fn accelerate(&mut self, duration: f64) {
+        for (a, (v, old)) in self.acceleration.iter_mut().zip(self.state.v.iter().zip(&self.begin.v)) {
+            *a = (v - old) / duration;
+        }
+    }
+
     /// Efforts of the drives in the last step.
     pub fn tau(&self) -> &[f64] {
         &self.tau
@@ -105,7 +114,7 @@ impl Plant {
         let all = bare.document.effects.len() == model.document.effects.len();
         let behind_drives = if all { None } else { Some(Box::new(Self::new(&bare, limits, step)?)) };
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this = Self { system, laws, behind_drives, step };
+        let mut this = Self { system, laws, behind_drives, step, rough: false };
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
         Ok(this)
     }
@@ -189,6 +198,10 @@ impl Plant {
         motion.state.time = trajectory.time[k];
         let coarse = self.steps(motion, trajectory, k, duration / steps, steps as usize).is_ok();
         motion.set_right(duration / steps);
+        if self.rough && coarse {
+            motion.accelerate(duration);
+            return Ok(());
+        }
         motion.coarse.copy_from(&motion.state, trajectory.time[k]);
         motion.begin.give_to(&mut motion.state);
         let mut h = 0.5 * duration / steps;
@@ -208,9 +221,7 @@ impl Plant {
                 }
             }
         }
-        for j in 0..n {
-            motion.acceleration[j] = (motion.state.v[j] - motion.begin.v[j]) / duration;
-        }
+        motion.accelerate(duration);
         Ok(())
     }
 

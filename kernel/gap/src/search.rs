@@ -8,8 +8,8 @@ use sagci_dynamics::effects::{self, Acts, Effect};
 use sagci_model::ObjectModel;
 
 use crate::GapError;
-use crate::fit::{Effort, Fit, Problem};
-use crate::hypothesis::{Hypothesis, Knob};
+use crate::fit::{Derivatives, Effort, Fit, Problem};
+use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
 use crate::response::Response;
@@ -49,6 +49,8 @@ pub(crate) const STEP: f64 = 2.5e-3;
 /// Effects of one stage that are fitted in the simulator, and those of them that are fitted to the end.
 const SEMIFINALISTS: usize = 12;
 const FINALISTS: usize = 6;
+/// Steps of a first fit in the simulator.
+pub(crate) const QUICK: usize = 5;
 /// Starts of one effect that are fitted in the simulator.
 const STARTS: usize = 2;
 
@@ -111,7 +113,9 @@ impl<'a> Search<'a> {
         let all: Vec<usize> = (0..fit.hypothesis.x.len()).collect();
         fit.jacobian = self.problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, &fit.errors, &all)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
-        Ok(self.judge(Fit { hypothesis, jacobian: Vec::new(), ..fit }.finish(&self.problem, scale, None)?))
+        let column = |f: &Fitted| fit.hypothesis.fitted.iter().position(|all| all.knob == f.knob).map(|i| fit.jacobian[i].clone());
+        let jacobian = hypothesis.fitted.iter().filter_map(column).collect();
+        self.fit_on(Fit { hypothesis, jacobian, ..fit }, scale)
     }
 
     /// A fit as it is compared with others.
@@ -124,22 +128,14 @@ impl<'a> Search<'a> {
         (fit.squares / self.problem.measured() as f64).sqrt().max(1.0)
     }
 
-    /// Logarithm of the evidence by Laplace's approximation: the likelihood and the prior at the best fit, and the share of the
-    /// prior's volume that the data leave (MacKay 2003, chapter 28). The errors are those by which models are compared.
+    /// Logarithm of a fit's evidence, with the errors by which models are compared.
     pub fn evidence(&self, fit: &Fit, scale: f64) -> f64 {
-        self.evidence_of(fit, fit.judged, scale)
+        fit.evidence(fit.judged, scale)
     }
 
     /// The same with the errors that the fit itself made small.
     pub fn evidence_in_fit(&self, fit: &Fit, scale: f64) -> f64 {
-        self.evidence_of(fit, fit.squares, scale)
-    }
-
-    fn evidence_of(&self, fit: &Fit, squares: f64, scale: f64) -> f64 {
-        let hypothesis = &fit.hypothesis;
-        let widths: f64 = hypothesis.fitted.iter().map(|f| f.prior[1].ln()).sum();
-        let volume = nalgebra::Cholesky::new(fit.normal(scale).0).map_or(f64::NEG_INFINITY, |c| -c.l().diagonal().map(f64::ln).sum());
-        -0.5 * squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
+        fit.evidence(fit.squares, scale)
     }
 
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.
@@ -174,6 +170,9 @@ impl<'a> Search<'a> {
         for j in 0..self.names.len() {
             responses.push(tries.iter().any(|t| t.1 == Some(j)).then(|| Response::new(self, base, &runs, j, scale)));
         }
+        // Where one step after the other is compared, their order cancels.
+        let rough = Problem { rough: true, ..self.problem.clone() };
+        let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
         let screened: Vec<Option<Screened>> = tries
             .into_par_iter()
             .map(|(effect, place, values)| {
@@ -186,7 +185,7 @@ impl<'a> Search<'a> {
                 let (x, gain) = if linear {
                     self.by_response(base, response, effect, &hypothesis, &values, scale)
                 } else {
-                    self.by_run(response, base, &hypothesis)?
+                    by_run(&rough, &rough_base, response, base, &hypothesis)?
                 };
                 let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;
                 let worth = 0.5 * gain / (scale * scale) - 0.5 * extra * (self.problem.measured() as f64).ln();
@@ -213,7 +212,7 @@ impl<'a> Search<'a> {
             place += 1;
             (r[0].worth > -NEAR || !r[0].linear) && (place <= 4 || r[0].worth > HOPE * most)
         });
-        let quick = Effort { rounds: 2, enough: 0.5 };
+        let quick = Effort::new(QUICK, 0.5);
         let mut ranked: Vec<Candidate> = ranked
             .into_iter()
             .flatten()
@@ -223,7 +222,7 @@ impl<'a> Search<'a> {
                 let mut fit = Fit::start(&self.problem, screened.hypothesis).ok()?;
                 // Judged at the end; until then beside the base.
                 fit.judged = base.judged + fit.squares - base.squares;
-                let fit = fit.improve(&self.problem, scale, quick, Some(&base.jacobian)).ok()?;
+                let fit = fit.improve(&self.problem, scale, quick, Derivatives { kept: false, frozen: Some(&base.jacobian) }).ok()?;
                 let evidence = self.evidence(&fit, scale);
                 evidence.is_finite().then_some(Candidate { effect: screened.effect, joint: screened.joint, fit, evidence })
             })
@@ -238,13 +237,16 @@ impl<'a> Search<'a> {
         let hope = |c: &&Candidate| fall(c) > CLOSE * most && c.evidence > here - NEAR;
         let hopeful = ranked.iter().take(FINALISTS).take_while(hope).count().max(2);
         let rest = ranked.split_off(hopeful.min(ranked.len()));
-        let finished: Vec<Candidate> = ranked
-            .into_par_iter()
-            .filter_map(|candidate| {
-                let fit = candidate.fit.finish(&self.problem, scale, Some(&base.jacobian)).ok()?;
-                Some(Candidate { fit, ..candidate })
-            })
-            .collect();
+        let known = Derivatives { kept: true, frozen: Some(&base.jacobian) };
+        let finish = |candidate: Candidate, bar: f64| {
+            let fit = candidate.fit.finish(&self.problem, scale, known, bar).ok()?;
+            Some(Candidate { fit, ..candidate })
+        };
+        // What stays far behind the best need not be fitted to the end.
+        let behind = ranked.split_off(1.min(ranked.len()));
+        let mut finished: Vec<Candidate> = ranked.into_iter().filter_map(|c| finish(c, here)).collect();
+        let bar = finished.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
+        finished.extend(behind.into_par_iter().filter_map(|c| finish(c, bar)).collect::<Vec<_>>());
         let mut all = finished;
         all.extend(rest);
         let mut all: Vec<Candidate> = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
@@ -285,19 +287,6 @@ impl<'a> Search<'a> {
         let mut all = hypothesis.x.clone();
         all[first..].copy_from_slice(&x);
         (all, response.errors.norm_squared() - squares)
-    }
-
-    /// One run of the simulator with the effect where it starts: the fall of the sum of squares along the change that it makes.
-    fn by_run(&self, response: &Response, base: &Fit, hypothesis: &Hypothesis) -> Option<(Vec<f64>, f64)> {
-        let change = self.problem.errors(hypothesis, &hypothesis.x).ok()? - &base.errors;
-        let change = response.project(change);
-        let size = change.norm_squared();
-        // Sizes that cannot be negative change nothing in the other direction.
-        let one_sided = hypothesis.fitted[base.hypothesis.x.len()..].iter().all(|f| f.logarithmic);
-        let least = if one_sided { 0.0 } else { -2.0 };
-        let share = (-change.dot(&response.errors) / size).clamp(least, 2.0);
-        let gain = -share * (2.0 * change.dot(&response.errors) + share * size);
-        (size > 0.0).then(|| (hypothesis.x.clone(), gain))
     }
 
     /// Has the joint a loss that heat can change?
@@ -378,6 +367,25 @@ impl<'a> Search<'a> {
             axis: [joint.axis.x, joint.axis.y, joint.axis.z],
         }
     }
+}
+
+/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: the fall of the sum of squares along the change that it makes.
+fn by_run(
+    problem: &Problem<'_>,
+    errors: &DVector<f64>,
+    response: &Response,
+    base: &Fit,
+    hypothesis: &Hypothesis,
+) -> Option<(Vec<f64>, f64)> {
+    let change = problem.errors(hypothesis, &hypothesis.x).ok()? - errors;
+    let change = response.project(change);
+    let size = change.norm_squared();
+    // Sizes that cannot be negative change nothing in the other direction.
+    let one_sided = hypothesis.fitted[base.hypothesis.x.len()..].iter().all(|f| f.logarithmic);
+    let least = if one_sided { 0.0 } else { -2.0 };
+    let share = (-change.dot(&response.errors) / size).clamp(least, 2.0);
+    let gain = -share * (2.0 * change.dot(&response.errors) + share * size);
+    (size > 0.0).then(|| (hypothesis.x.clone(), gain))
 }
 
 /// Are the URDF's limits of a joint reached in the data?

@@ -9,7 +9,7 @@ use sagci_dynamics::effects;
 use sagci_model::{EffectEntry, ObjectModel};
 use sagci_recording::{JointLog, Log, Series};
 
-use crate::fit::{Effort, Fit};
+use crate::fit::{Derivatives, Effort, Fit};
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::plant::Plant;
@@ -143,7 +143,7 @@ fn a_fit_finds_what_made_the_data() {
     let search = Search::new(&model, &trajectories).unwrap();
     let base = search.known(&model, 1.0).unwrap();
     let start = base.hypothesis.with("quadratic_drag", Some("hinge"), &[0.02]).unwrap();
-    let fit = Fit::start(&search.problem, start).unwrap().improve(&search.problem, 1.0, Effort { rounds: 15, enough: 0.01 }, None).unwrap();
+    let fit = Fit::start(&search.problem, start).unwrap().improve(&search.problem, 1.0, Effort::new(15, 0.01), Derivatives::FRESH).unwrap();
     let last = fit.hypothesis.x.len() - 1;
     let value = fit.hypothesis.fitted[last].value(fit.hypothesis.x[last]);
     assert!((value - 0.12).abs() < 0.004, "{value}");

@@ -56,11 +56,7 @@ impl Search<'_> {
         let all = entries(&current.hypothesis);
         all.par_iter()
             .map(|entry| {
-                let less = if all.len() == 1 {
-                    base.clone()
-                } else {
-                    self.refit(&Fit::start(&self.problem, current.hypothesis.without(*entry))?, scale)?
-                };
+                let less = if all.len() == 1 { base.clone() } else { self.fit_on(current.without(&self.problem, *entry)?, scale)? };
                 Ok(self.unseen_of(current, &less, unseen, scale).unwrap_or(Unseen { fall: 0.0, expected: 0.0 }))
             })
             .collect()

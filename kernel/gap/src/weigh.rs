@@ -4,13 +4,13 @@ use rayon::prelude::*;
 use sagci_model::ObjectModel;
 
 use crate::GapError;
-use crate::fit::{Fit, Problem};
+use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
 use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Disturbance;
 use crate::response::Response;
-use crate::search::{Candidate, FLOOR, Search, entries};
+use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
@@ -25,6 +25,9 @@ const FALL: f64 = 0.7;
 /// Beside other names: the share to which it makes the gap fall, and the force from which on that is not asked.
 const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
+/// How many of the best are weighed anew under another noise, and the evidence within which they may change places.
+const LOOKED_AT: usize = 6;
+const NEAR: f64 = 30.0;
 /// Share of the time between rows that stamps are off by.
 const JITTER: f64 = 0.1;
 /// Share of a rich effect's fall of squares that a plain one needs to be tried with a second.
@@ -35,7 +38,46 @@ const MOST_NOISE: f64 = 8.0;
 impl Search<'_> {
     /// Fits anew from where a fit stands.
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        Ok(self.judge(Fit::start(&self.problem, fit.hypothesis.clone())?.finish(&self.problem, scale, None)?))
+        self.refit_towards(fit, scale, f64::NEG_INFINITY)
+    }
+
+    /// The same, as long as it can be hoped to come near an evidence.
+    fn refit_towards(&self, fit: &Fit, scale: f64, bar: f64) -> Result<Fit, GapError> {
+        let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
+        Ok(self.judge(fit.finish(&self.problem, scale, Derivatives::FRESH, bar)?))
+    }
+
+    /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
+    pub fn fit_on(&self, fit: Fit, scale: f64) -> Result<Fit, GapError> {
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: None };
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
+    }
+
+    /// A few steps under a noise that is not the one a fit was made under.
+    fn look_at(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
+        let fit = fit.under(&self.problem)?;
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: None };
+        Ok(self.judge(fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), begin)?))
+    }
+
+    /// Candidates under a noise that is not the one they were fitted under, the best first as before. The best is fitted anew, and so is
+    /// what may come before it; at others a few steps are enough. `here` is the evidence without any, as it was.
+    pub fn weigh_anew(&self, mut candidates: Vec<Candidate>, here: f64, scale: f64) -> Vec<Candidate> {
+        candidates.truncate(LOOKED_AT);
+        let Some((best, count)) = candidates.first().map(|b| (b.evidence, b.fit.hypothesis.x.len())) else { return candidates };
+        let behind = candidates.split_off(1);
+        let mut all: Vec<Candidate> =
+            candidates.into_iter().filter_map(|c| Some(Candidate { fit: self.refit(&c.fit, scale).ok()?, ..c })).collect();
+        let bar = all.first().map_or(f64::NEG_INFINITY, |c| self.evidence_in_fit(&c.fit, scale));
+        let anew = |c: Candidate| {
+            let simpler = c.fit.hypothesis.x.len() < count && c.evidence - here > 0.5 * (best - here);
+            let near = c.evidence > best - NEAR.max(0.1 * (best - here));
+            let fit = if near || simpler { self.refit_towards(&c.fit, scale, bar) } else { self.look_at(&c.fit, scale) };
+            // One that cannot be simulated any more is out.
+            Some(Candidate { fit: fit.ok()?, ..c })
+        };
+        all.extend(behind.into_par_iter().filter_map(anew).collect::<Vec<_>>());
+        all
     }
 
     pub fn rank(&self, candidates: &mut [Candidate], scale: f64) {
@@ -97,19 +139,24 @@ impl Search<'_> {
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by, or it adds up to a good part of the gap: a small loss
-    /// does over a long swing. `force` is [`Self::force_between`] the two fits. Beside other names it has to make the gap smaller, unless its
-    /// force is large: where a model sticks or hits something, few rows are off by much whatever is added.
+    /// does over a long swing. `force` is [`Self::force_between`] the two fits. It may not make the gap larger, and beside other names it has
+    /// to make it smaller, unless its force is large: where a model sticks or hits something, few rows are off by much whatever is added.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
         let first = entries(&less.hypothesis).is_empty();
         if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
-        if force >= LARGE || force >= MATERIAL && first {
+        if force >= LARGE {
             return Ok(true);
         }
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
-        Ok(gap(more) < if force < MATERIAL { FALL } else { SMALLER } * gap(less))
+        let share = match (force < MATERIAL, first) {
+            (true, _) => FALL,
+            (false, true) => 1.0,
+            (false, false) => SMALLER,
+        };
+        Ok(gap(more) < share * gap(less))
     }
 
     /// Is a fit's last effect a shift in time that stamps and steps of any source are off by?
