@@ -19,8 +19,8 @@ use crate::remainder::remainder as learned_remainder;
 use crate::report::{Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Candidate, Search, entries};
 use crate::trajectory::Trajectory;
-use crate::unseen::{SEEN, Unseen, set_aside};
-use crate::weigh::MATERIAL;
+use crate::unseen::{Unseen, set_aside};
+use crate::weigh::{CONVINCING, MATERIAL};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -62,8 +62,6 @@ pub struct Found {
 
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
-/// Logarithm of the Bayes factor that an effect needs.
-const CONVINCING: f64 = 10.0;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
 /// How much more than all names a force without a name has to say before they are only its nearest neighbours.
@@ -114,7 +112,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             search = search.with_noise(noise);
             base = search.refit(&base, next)?;
             current = if chosen.is_empty() { base.clone() } else { search.refit(&current, next)? };
-            candidates = search.weigh_anew(candidates, before, next);
+            candidates = search.weigh_anew(&current, candidates, before, next);
             next = candidates.iter().map(|c| search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
         }
         scale = next;
@@ -131,13 +129,15 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
         let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(&current, scale);
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
-        if gain < CONVINCING || !search.is_material(model, &current, &best.fit, force, options.window)? {
+        if !search.is_convincing(model, &current, &best.fit, gain, options.window)
+            || !search.is_material(model, &current, &best.fit, force, options.window)?
+        {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
         }
-        let explained = search.explained(&current, &best.fit, scale);
-        current = best.fit.clone();
+        let explained = search.explained(&current, &best.fit);
+        current = search.settle(&best.fit, scale)?;
         chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
     }
 
@@ -154,7 +154,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 continue;
             };
             let (with, without) = (search.evidence(&current, scale), search.evidence(&less, scale));
-            if with - without < CONVINCING {
+            if !search.is_convincing(model, &less, &current, with - without, options.window) {
                 current = less;
                 chosen.remove(at);
                 at = 0;
@@ -166,8 +166,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             let name = chosen[at].best.effect;
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
-                current = best.fit.clone();
-                let explained = search.explained(&less, &current, scale);
+                current = search.settle(&best.fit, scale)?;
+                let explained = search.explained(&less, &current);
                 let choice = Choice::new(&candidates, without, chosen[at].nameless, explained, scale);
                 chosen.remove(at);
                 chosen.push(choice);
@@ -175,7 +175,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 continue;
             }
             chosen[at].around(&candidates, [with, without], scale);
-            chosen[at].explained = search.explained(&less, &current, scale);
+            chosen[at].explained = search.explained(&less, &current);
             at += 1;
         }
         // The order of entries is that of the numbers in the hypothesis.
@@ -206,8 +206,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     // Data that no fit and no choice has seen have a veto, once, over names that are settled: what they contradict is not there.
     let mut contradicted: Vec<Reason> = Vec::new();
     let mut confirmed: Vec<Unseen> = Vec::new();
+    let measure = Measure::new(&search, model, &trajectories, &unseen, options.window);
     while !unseen.is_empty() && !chosen.is_empty() {
-        confirmed = search.on_unseen(&current, &refitted, &unseen, scale)?;
+        confirmed = search.on_unseen(&current, &refitted, &unseen, &measure, scale)?;
         let Some(worst) =
             (0..confirmed.len()).filter(|i| confirmed[*i].contradicts()).min_by(|a, b| confirmed[*a].fall.total_cmp(&confirmed[*b].fall))
         else {
@@ -244,7 +245,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     for (i, choice) in chosen.iter_mut().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
         choice.equivalent = search.alike(choice, &refitted, &current)?;
-        let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.fall > SEEN));
+        let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.confirms()));
         effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
     }
 
@@ -275,7 +276,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
     let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
     let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-    let measure = Measure::new(&search, model, &trajectories, &unseen, options.window);
     let (mut residual, mut learned) = (None, None);
     if !unseen.is_empty() {
         say("trying a learned force on what is left");
@@ -309,7 +309,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     found.state_in_urdf();
     let refused = |(name, gain): &(&str, f64)| Reason {
         name: (*name).into(),
-        reason: format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} is asked for"),
+        reason: format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} and more is asked for"),
     };
     let mut rejected: Vec<Reason> = lost.iter().take(5).map(refused).collect();
     rejected.extend(contradicted);

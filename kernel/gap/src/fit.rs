@@ -95,6 +95,34 @@ impl<'a> Problem<'a> {
         self.trajectories.iter().map(counts).sum::<usize>().max(1)
     }
 
+    /// How many errors say as much of a change as one that is independent of others: how much larger the variance of `<change, errors>`
+    /// is than it would be if they were (Newey and West 1987). That is the sum of the products' autocorrelation over all lags, by pairs of
+    /// lags as long as these are positive (Geyer 1992); at least one.
+    pub fn persistence(&self, errors: &DVector<f64>, change: &DVector<f64>) -> f64 {
+        let joints = self.middle.len();
+        let errors = errors.component_mul(change);
+        let total = errors.norm_squared();
+        let along = |lag: usize| -> f64 {
+            let mut first = 0;
+            let of = |t: &Trajectory| {
+                let count = t.rows() * t.joints;
+                let own = &errors.as_slice()[first..first + count];
+                first += count;
+                own.iter().zip(own.iter().skip(lag * joints)).map(|(a, b)| a * b).sum::<f64>()
+            };
+            self.trajectories.iter().map(of).sum::<f64>() / total
+        };
+        let mut sum = 1.0 + 2.0 * along(1);
+        for pair in 1..=LAGS / 2 {
+            let both = along(2 * pair) + along(2 * pair + 1);
+            if both.is_nan() || both <= 0.0 {
+                break;
+            }
+            sum += 2.0 * both;
+        }
+        if sum > 1.0 { sum } else { 1.0 }
+    }
+
     /// Derivatives of the errors by some of the numbers, by differences on the side where there is room.
     pub fn jacobian(
         &self,
@@ -155,6 +183,8 @@ const TRUST: f64 = 0.25;
 const TRIES: usize = 6;
 /// How many times more than its last step a fit may still gain.
 const HOPE: f64 = 5.0;
+/// Most rows over which errors go on.
+const LAGS: usize = 200;
 /// Fall of the cost beyond which derivatives are not those at the end.
 const FAR: f64 = 1.0;
 
@@ -299,20 +329,12 @@ impl Fit {
         }
     }
 
-    /// Minimises to the end and leaves all derivatives fresh, or near it. Frozen ones are renewed when it is near. What cannot be hoped to
-    /// come near the `bar`, an evidence, is left as it is.
+    /// Minimises to the end and leaves all derivatives fresh, or near it, but for those that are frozen. What cannot be hoped to come near
+    /// the `bar`, an evidence, is left as it is.
     pub fn finish(mut self, problem: &Problem<'_>, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Self, GapError> {
-        let (mut last, mut rest) = (Effort { bar, ..Effort::new(20, 0.2) }, begin);
-        if begin.frozen.is_some() {
-            self = self.improve(problem, scale, Effort { bar, ..Effort::new(16, 0.3) }, begin)?;
-            if self.evidence(self.judged, scale) < bar - 2.0 * HOPE {
-                return Ok(self);
-            }
-            (last.rounds, rest) = (5, Derivatives::FRESH);
-        }
-        self = self.improve(problem, scale, last, rest)?;
-        if self.since > FAR {
-            self.differentiate(problem, None)?;
+        self = self.improve(problem, scale, Effort { rounds: 20, enough: 0.2, bar }, begin)?;
+        if self.since > FAR && self.evidence(self.judged, scale) > bar - 2.0 * HOPE {
+            self.differentiate(problem, begin.frozen)?;
         }
         Ok(self)
     }

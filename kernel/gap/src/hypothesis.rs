@@ -193,13 +193,18 @@ impl Hypothesis {
         Ok(this)
     }
 
-    /// The same, what is bound to a place no wider than so much, rad or m. `first` is the first number that this is asked of.
-    pub fn confined(mut self, first: usize, widest: f64) -> Self {
+    /// The same, what is bound to a place no wider than so much, rad or m, and what repeats no slower than so many times in 2 pi rad or m.
+    /// `first` is the first number that this is asked of.
+    pub fn confined(mut self, first: usize, widest: f64, slowest: f64) -> Self {
         for (fitted, x) in self.fitted.iter_mut().zip(&mut self.x).skip(first) {
-            if matches!(fitted.knob, Knob::Effect(_, "width")) {
-                fitted.bounds[1] = fitted.bounds[1].min(fitted.coordinate(widest)).max(fitted.bounds[0]);
-                *x = x.min(fitted.bounds[1]);
+            match fitted.knob {
+                Knob::Effect(_, "width") => fitted.bounds[1] = fitted.bounds[1].min(fitted.coordinate(widest)).max(fitted.bounds[0]),
+                Knob::Effect(_, "cycles_per_turn") => {
+                    fitted.bounds[0] = fitted.bounds[0].max(fitted.coordinate(slowest)).min(fitted.bounds[1]);
+                }
+                _ => continue,
             }
+            *x = x.clamp(fitted.bounds[0], fitted.bounds[1]);
         }
         self
     }

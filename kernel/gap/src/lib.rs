@@ -13,6 +13,7 @@ mod fit;
 mod flexible;
 mod gaps;
 mod hypothesis;
+mod inertial;
 mod jitter;
 mod map;
 mod noise;

@@ -1,6 +1,7 @@
 //! Which effect is missing: starts from everything the catalogue offers, exact fits of the best, and their evidence.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -9,6 +10,7 @@ use sagci_model::ObjectModel;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
+use crate::flexible;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
@@ -49,6 +51,9 @@ pub(crate) const STEP: f64 = 2.5e-3;
 /// Effects of one stage that are fitted in the simulator, and those of them that are fitted to the end.
 const SEMIFINALISTS: usize = 12;
 const FINALISTS: usize = 6;
+/// Joints on each of which everything is tried, and the share of the evidence of the best force on any that is asked of one on others.
+const FEW: usize = 2;
+const PUSHED: f64 = 0.1;
 /// Steps of a first fit in the simulator.
 pub(crate) const QUICK: usize = 5;
 /// Starts of one effect that are fitted in the simulator.
@@ -60,8 +65,10 @@ const HOPE: f64 = 0.3;
 const CLOSE: f64 = 0.8;
 
 const NEAR: f64 = 10.0;
-/// Share of the range that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
+/// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
 const LOCAL: f64 = 0.3;
+/// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
+const REPEATS: f64 = 1.5;
 
 /// An effect at a place after the screens.
 struct Screened {
@@ -110,8 +117,7 @@ impl<'a> Search<'a> {
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
         let mut fit = Fit::start(&self.problem, Hypothesis::known(model, &self.joints))?;
-        let all: Vec<usize> = (0..fit.hypothesis.x.len()).collect();
-        fit.jacobian = self.problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, &fit.errors, &all)?;
+        fit.jacobian = self.derivatives(&fit)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
         let column = |f: &Fitted| fit.hypothesis.fitted.iter().position(|all| all.knob == f.knob).map(|i| fit.jacobian[i].clone());
         let jacobian = hypothesis.fitted.iter().filter_map(column).collect();
@@ -170,6 +176,7 @@ impl<'a> Search<'a> {
         for j in 0..self.names.len() {
             responses.push(tries.iter().any(|t| t.1 == Some(j)).then(|| Response::new(self, base, &runs, j, scale)));
         }
+        let pushed = self.pushed(&responses, scale);
         // Where one step after the other is compared, their order cancels.
         let rough = Problem { rough: true, ..self.problem.clone() };
         let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
@@ -178,10 +185,13 @@ impl<'a> Search<'a> {
             .map(|(effect, place, values)| {
                 let name = effect.description().name;
                 let hypothesis = base.hypothesis.with(name, place.map(|j| self.names[j].as_str()), &values).ok()?;
-                let [low, high] = views[place.unwrap_or(0)].range;
-                let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * (high - low));
+                let view = &views[place.unwrap_or(0)];
+                let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * view.way(), REPEATS * TAU / view.way());
                 let response = responses.get(place.unwrap_or(0))?.as_ref()?;
                 let linear = effect.description().acts == Acts::Joint && effect.description().parameter("encoder").is_none();
+                if !linear && !place.is_none_or(|j| pushed[j]) {
+                    return None;
+                }
                 let (x, gain) = if linear {
                     self.by_response(base, response, effect, &hypothesis, &values, scale)
                 } else {
@@ -252,6 +262,21 @@ impl<'a> Search<'a> {
         let mut all: Vec<Candidate> = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
         self.rank(&mut all, scale);
         Ok(all)
+    }
+
+    /// Joints on which some force explains a good part of what one on any joint does. A run for each start of each effect on each joint of a
+    /// robot's arm is what a search would mostly do.
+    fn pushed(&self, responses: &[Option<Response>], scale: f64) -> Vec<bool> {
+        if responses.len() <= FEW {
+            return vec![true; responses.len()];
+        }
+        let typical = self.typical_force();
+        let told = |(j, response): (usize, &Option<Response>)| {
+            response.as_ref().and_then(|r| flexible::nameless(r, scale, typical[j])).map_or(0.0, |n| n.evidence)
+        };
+        let evidence: Vec<f64> = responses.par_iter().enumerate().map(told).collect();
+        let most = evidence.iter().copied().fold(0.0, f64::max);
+        evidence.iter().map(|e| *e >= PUSHED * most).collect()
     }
 
     /// Fits an effect's numbers in the linear response: where it ends, and how much the sum of squares falls.
@@ -356,6 +381,7 @@ impl<'a> Search<'a> {
             force: binned(&rows, low, high).max(1e-6),
             speed: rms(2),
             range: [low, high],
+            turns: joint.kind != sagci_model::JointKind::Prismatic,
             inertia: self.inertias[j],
             effort: efforts.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
             places: places(&rows, low, high),
@@ -469,7 +495,7 @@ fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     let power = |periods: f64| {
         let (mut a, mut b) = (0.0, 0.0);
         for (i, x) in values.iter().enumerate() {
-            let angle = std::f64::consts::TAU * periods * (i as f64 + 0.5) / 400.0;
+            let angle = TAU * periods * (i as f64 + 0.5) / 400.0;
             a += x * angle.cos();
             b += x * angle.sin();
         }
@@ -478,7 +504,7 @@ fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p)).collect();
     let mut peaks: Vec<(f64, f64)> = grid.windows(3).filter(|w| w[1].0 >= w[0].0 && w[1].0 > w[2].0).map(|w| w[1]).collect();
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.iter().take(3).map(|(_, p)| p * std::f64::consts::TAU / range).collect()
+    peaks.iter().take(3).map(|(_, p)| p * TAU / range).collect()
 }
 
 /// Effects among the numbers of a hypothesis, with their entries.

@@ -13,6 +13,8 @@ pub(crate) struct JointView {
     pub speed: f64,
     /// Positions that were reached.
     pub range: [f64; 2],
+    /// It turns.
+    pub turns: bool,
     /// Inertia that a drive at the joint feels.
     pub inertia: f64,
     /// Greatest effort of its drive, N m or N.
@@ -32,10 +34,18 @@ pub(crate) struct JointView {
     pub axis: [f64; 3],
 }
 
+impl JointView {
+    /// How far places lie apart, rad or m: on a joint that turns more than once they come back.
+    pub fn way(&self) -> f64 {
+        let range = self.range[1] - self.range[0];
+        if self.turns { range.min(TAU) } else { range }
+    }
+}
+
 /// Values of an effect's parameters, in its order, at which fits begin.
 pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
     let JointView { force: f, speed: v, inertia: m, range: [low, high], period: h, .. } = *view;
-    let r = (high - low).max(1e-6);
+    let r = view.way().max(1e-6);
     let v = v.max(1e-6);
     let middle = 0.5 * (low + high);
     let places: Vec<f64> = view.places.iter().copied().take(4).collect();

@@ -117,6 +117,21 @@ fn the_linear_response_agrees_with_the_simulator() {
     }
 }
 
+/// So is the linear response to the model's own numbers.
+#[test]
+fn derivatives_by_known_numbers_need_no_runs() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let fit = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
+    let all: Vec<usize> = (0..fit.hypothesis.x.len()).collect();
+    let exact = search.problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, &fit.errors, &all).unwrap();
+    for (fitted, (linear, exact)) in fit.hypothesis.fitted.iter().zip(search.derivatives(&fit).unwrap().iter().zip(&exact)) {
+        let off = (exact - linear).norm() / exact.norm().max(1.0);
+        assert!(off < 0.1, "{:?}: {off}", fitted.knob);
+    }
+}
+
 /// Steps take positions from the next velocity; without the correction of an interval a held push would carry too far by `h a t / 2`.
 #[test]
 fn a_held_push_is_integrated_exactly() {

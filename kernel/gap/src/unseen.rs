@@ -5,12 +5,14 @@ use sagci_recording::Log;
 
 use crate::GapError;
 use crate::fit::{Fit, Problem};
+use crate::gaps::Measure;
 use crate::report::Reason;
 use crate::search::{Search, entries};
 use crate::trajectory::Trajectory;
+use crate::weigh::SMALLER;
 
 /// Half a fall of squared errors, in units of their noise, that is no chance.
-pub(crate) const SEEN: f64 = 3.0;
+const SEEN: f64 = 3.0;
 
 /// Whole trajectories for a check, where none are given: never samples of one.
 pub(crate) fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>) -> (Vec<&'a Log>, Vec<&'a Log>) {
@@ -36,12 +38,20 @@ pub(crate) struct Unseen {
     pub fall: f64,
     /// The same if the effect is just as it was fitted.
     pub expected: f64,
+    /// Where the errors speak against it: it predicts whole windows better all the same. From row to row a model that sticks is shaken
+    /// loose by the noise of what drives it, over a window it is where it was.
+    pub predicts: bool,
 }
 
 impl Unseen {
     /// They would show it, and they do not.
     pub fn contradicts(&self) -> bool {
-        self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
+        !self.predicts && self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
+    }
+
+    /// They show it.
+    pub fn confirms(&self) -> bool {
+        self.predicts || self.fall > SEEN
     }
 
     pub fn reason(&self, name: &str) -> Reason {
@@ -52,12 +62,23 @@ impl Unseen {
 
 impl Search<'_> {
     /// For each effect: how much better it makes unseen data (half the fall of the squared errors), and whether that confirms it.
-    pub fn on_unseen(&self, current: &Fit, base: &Fit, unseen: &[Trajectory], scale: f64) -> Result<Vec<Unseen>, GapError> {
+    pub fn on_unseen(
+        &self,
+        current: &Fit,
+        base: &Fit,
+        unseen: &[Trajectory],
+        measure: &Measure<'_>,
+        scale: f64,
+    ) -> Result<Vec<Unseen>, GapError> {
         let all = entries(&current.hypothesis);
         all.par_iter()
             .map(|entry| {
                 let less = if all.len() == 1 { base.clone() } else { self.fit_on(current.without(&self.problem, *entry)?, scale)? };
-                Ok(self.unseen_of(current, &less, unseen, scale).unwrap_or(Unseen { fall: 0.0, expected: 0.0 }))
+                let nothing = Unseen { fall: 0.0, expected: 0.0, predicts: false };
+                let mut said = self.unseen_of(current, &less, unseen, scale).unwrap_or(nothing);
+                let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+                said.predicts = said.contradicts() && gap(current) < SMALLER * gap(&less);
+                Ok(said)
             })
             .collect()
     }
@@ -68,8 +89,9 @@ impl Search<'_> {
         let problem = Problem::new(unseen, disturbance.clone(), limits, *step);
         let errors = |fit: &Fit| problem.errors(&fit.hypothesis, &fit.hypothesis.x).ok();
         let (with, without) = (errors(with)?, errors(without)?);
-        let weight = 0.5 / (scale * scale);
+        let change = &without - &with;
+        let weight = 0.5 / (scale * scale * problem.persistence(&with, &change));
         let fall = weight * (without.norm_squared() - with.norm_squared());
-        (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * (without - with).norm_squared() })
+        (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * change.norm_squared(), predicts: false })
     }
 }

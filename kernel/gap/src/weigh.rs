@@ -14,16 +14,20 @@ use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
+/// Logarithm of the Bayes factor that an effect needs.
+pub(crate) const CONVINCING: f64 = 10.0;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
 const SAME: f64 = 0.5 * FLOOR;
+/// Share of the best one's evidence that it needs if it makes another force.
+const NEARLY: f64 = 0.95;
 /// Share of what accelerates a joint that an effect needs, less being below what any model is off by; or at the least, if with it the gap
 /// falls to such a share.
 pub(crate) const MATERIAL: f64 = FLOOR;
 const TRIFLE: f64 = 0.1 * FLOOR;
 const FALL: f64 = 0.7;
-/// Beside other names: the share to which it makes the gap fall, and the force from which on that is not asked.
-const SMALLER: f64 = 0.97;
+/// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
+pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
 /// How many of the best are weighed anew under another noise, and the evidence within which they may change places.
 const LOOKED_AT: usize = 6;
@@ -38,13 +42,18 @@ const MOST_NOISE: f64 = 8.0;
 impl Search<'_> {
     /// Fits anew from where a fit stands.
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        self.refit_towards(fit, scale, f64::NEG_INFINITY)
+        self.refit_towards(fit, scale, Derivatives::FRESH, f64::NEG_INFINITY)
     }
 
     /// The same, as long as it can be hoped to come near an evidence.
-    fn refit_towards(&self, fit: &Fit, scale: f64, bar: f64) -> Result<Fit, GapError> {
+    fn refit_towards(&self, fit: &Fit, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Fit, GapError> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
-        Ok(self.judge(fit.finish(&self.problem, scale, Derivatives::FRESH, bar)?))
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
+    }
+
+    /// Fits all numbers of a fit that had frozen derivatives.
+    pub fn settle(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
+        Ok(self.judge(fit.clone().finish(&self.problem, scale, Derivatives::FRESH, f64::NEG_INFINITY)?))
     }
 
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
@@ -61,22 +70,25 @@ impl Search<'_> {
     }
 
     /// Candidates under a noise that is not the one they were fitted under, the best first as before. The best is fitted anew, and so is
-    /// what may come before it; at others a few steps are enough. `here` is the evidence without any, as it was.
-    pub fn weigh_anew(&self, mut candidates: Vec<Candidate>, here: f64, scale: f64) -> Vec<Candidate> {
+    /// what may come before it; at others a few steps are enough. `current` is the model without them, fitted under the noise, and `here` its
+    /// evidence as it was.
+    pub fn weigh_anew(&self, current: &Fit, mut candidates: Vec<Candidate>, here: f64, scale: f64) -> Vec<Candidate> {
         candidates.truncate(LOOKED_AT);
         let Some((best, count)) = candidates.first().map(|b| (b.evidence, b.fit.hypothesis.x.len())) else { return candidates };
+        let known = Derivatives { kept: false, frozen: Some(&current.jacobian) };
+        let anew = |fit: &Fit, bar: f64| self.refit_towards(fit, scale, known, bar);
         let behind = candidates.split_off(1);
         let mut all: Vec<Candidate> =
-            candidates.into_iter().filter_map(|c| Some(Candidate { fit: self.refit(&c.fit, scale).ok()?, ..c })).collect();
+            candidates.into_iter().filter_map(|c| Some(Candidate { fit: anew(&c.fit, f64::NEG_INFINITY).ok()?, ..c })).collect();
         let bar = all.first().map_or(f64::NEG_INFINITY, |c| self.evidence_in_fit(&c.fit, scale));
-        let anew = |c: Candidate| {
+        let again = |c: Candidate| {
             let simpler = c.fit.hypothesis.x.len() < count && c.evidence - here > 0.5 * (best - here);
             let near = c.evidence > best - NEAR.max(0.1 * (best - here));
-            let fit = if near || simpler { self.refit_towards(&c.fit, scale, bar) } else { self.look_at(&c.fit, scale) };
+            let fit = if near || simpler { anew(&c.fit, bar) } else { self.look_at(&c.fit, scale) };
             // One that cannot be simulated any more is out.
             Some(Candidate { fit: fit.ok()?, ..c })
         };
-        all.extend(behind.into_par_iter().filter_map(anew).collect::<Vec<_>>());
+        all.extend(behind.into_par_iter().filter_map(again).collect::<Vec<_>>());
         all
     }
 
@@ -100,7 +112,8 @@ impl Search<'_> {
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
             if count(candidate) < count(&candidates[chosen])
                 && candidate.evidence - here > 0.5 * (best.evidence - here)
-                && (self.force_between(&candidate.fit, &best.fit)? < SAME || predicts_as_well(candidate))
+                && (self.force_between(&candidate.fit, &best.fit)? < SAME
+                    || candidate.evidence - here > NEARLY * (best.evidence - here) && predicts_as_well(candidate))
             {
                 chosen = i;
             }
@@ -138,11 +151,22 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Is an effect worth a name? Its force is more than what any model is off by, or it adds up to a good part of the gap: a small loss
-    /// does over a long swing. `force` is [`Self::force_between`] the two fits. It may not make the gap larger, and beside other names it has
-    /// to make it smaller, unless its force is large: where a model sticks or hits something, few rows are off by much whatever is added.
+    /// Is an effect there? `gain` is what the evidence gains by it. Errors that go on from row to row say less than as many that are
+    /// independent, but for those that add up to a good part of the gap.
+    pub fn is_convincing(&self, model: &ObjectModel, less: &Fit, more: &Fit, gain: f64, window: f64) -> bool {
+        if gain < CONVINCING {
+            return false;
+        }
+        let fewer = self.problem.persistence(&more.errors, &(&less.errors - &more.errors));
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        gain > CONVINCING * fewer || gap(more) < FALL * gap(less)
+    }
+
+    /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
+    /// of the gap: a small loss does over a long swing. `force` is [`Self::force_between`] the two fits. Of a large force the gap is not
+    /// asked: where a model sticks or hits something, windows go one way or the other by little.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
-        let first = entries(&less.hypothesis).is_empty();
         if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
@@ -151,11 +175,7 @@ impl Search<'_> {
         }
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
-        let share = match (force < MATERIAL, first) {
-            (true, _) => FALL,
-            (false, true) => 1.0,
-            (false, false) => SMALLER,
-        };
+        let share = if force < MATERIAL { FALL } else { SMALLER };
         Ok(gap(more) < share * gap(less))
     }
 
@@ -170,8 +190,8 @@ impl Search<'_> {
     }
 
     /// Share of the squared errors, beyond noise, that one fit takes away from another's.
-    pub fn explained(&self, less: &Fit, more: &Fit, scale: f64) -> f64 {
-        let noise = scale * scale * self.problem.measured() as f64;
+    pub fn explained(&self, less: &Fit, more: &Fit) -> f64 {
+        let noise = more.squares.max(self.problem.measured() as f64);
         ((less.squares - more.squares) / (less.squares - noise).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
     }
 
