@@ -31,7 +31,7 @@ pub use error::EvaluationError;
 pub use oracle::{Detectability, VISIBLE};
 pub use perception::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, PerceptionRow, PerceptionTable, case, judge_perception};
 pub use runner::{Options, Suite, run};
-pub use scenario::{Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw, to_csv};
+pub use scenario::{Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw};
 pub use score::{Gap, Judgement, Row, Table, judge, table};
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::EvaluationError;
 use crate::effect::{CATALOGUE, OUTSIDE};
-use crate::scenario::{Given, RunId, RunKind, draw, to_csv};
+use crate::scenario::{Given, RunId, RunKind, draw};
 use crate::score::{Judgement, judge};
 
 /// Which runs.
@@ -190,7 +190,7 @@ fn write(path: &Path, text: &str) -> Result<(), EvaluationError> {
 fn store(folder: &Path, given: &Given) -> Result<(), EvaluationError> {
     given.model.write(folder).map_err(|e| EvaluationError::Malformed { path: folder.to_owned(), message: e.to_string() })?;
     for log in given.train.iter().chain(&given.held_out) {
-        write(&folder.join(&log.source), &to_csv(log))?;
+        write(&folder.join(&log.source), &log.to_csv())?;
     }
     Ok(())
 }

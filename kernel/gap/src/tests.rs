@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::DVector;
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use sagci_dynamics::effects;
 use sagci_model::{EffectEntry, ObjectModel};
@@ -20,10 +20,6 @@ use crate::windows::Smoothed;
 
 pub(crate) fn door() -> ObjectModel {
     ObjectModel::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/mujoco/b")).unwrap()
-}
-
-fn normal(random: &mut Pcg64) -> f64 {
-    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
 /// A door that a weak hand moves to and fro for 10 s at 200 Hz, simulated in steps of 0.1 ms.
@@ -43,7 +39,7 @@ pub(crate) fn led(truth: &ObjectModel, noise: f64, seed: u64, width: f64) -> Log
         let way = 0.9 + width * (0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos());
         let u = 4.0 * (way - motion.state.q[0]) - 0.3 * motion.state.v[0];
         joint.position.time.push(t);
-        joint.position.value.push(plant.reading(&motion, 0) + noise * normal(&mut random));
+        joint.position.value.push(plant.reading(&motion, 0) + noise * noise::normal(&mut random));
         let effort = joint.effort.as_mut().unwrap();
         effort.time.push(t);
         effort.value.push(u);

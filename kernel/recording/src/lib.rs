@@ -11,16 +11,15 @@ mod check;
 mod container;
 mod csv;
 mod error;
+mod hash;
 mod log;
 mod message;
 mod raw;
 mod read;
 mod robot;
-mod write;
 
 pub use container::{Cut, records};
 pub use error::RecordingError;
 pub use log::{CommandKind, JointLog, Log, Note, Series, WrenchLog};
 pub use message::{JointState, WrenchStamped};
 pub use read::{Angles, LARGEST_FILE, Options, read, read_with};
-pub use write::to_csv;

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use sagci_model::ObjectModel;
-use sagci_recording::{Log, to_csv};
+use sagci_recording::Log;
 use sagci_refinement::{HeldJoint, HeldJointError, held_joint};
 use sagci_signal::{Observation, Wrench};
 
@@ -116,7 +116,7 @@ fn what_is_written_is_read_again_with_the_same_values_and_the_same_hash() {
     let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint: DOOR, q: &[0.0] };
     let log = held_joint(&setting, &run(&robot, -1.2)).unwrap().remove(0);
     let file = std::env::temp_dir().join(format!("held-joint-{}.csv", std::process::id()));
-    std::fs::write(&file, to_csv(&log)).unwrap();
+    std::fs::write(&file, log.to_csv()).unwrap();
     let again = sagci_recording::read(std::slice::from_ref(&file), Some(&door)).unwrap().remove(0);
     std::fs::remove_file(&file).unwrap();
     assert_eq!(again.hash, log.hash);

@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use sagci_model::{EffectEntry, JointKind, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log, Series};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use crate::EvaluationError;
 use crate::effect::{CATALOGUE, Circumstances, Hold, OUTSIDE, indistinguishable};
@@ -558,7 +557,7 @@ impl Observe<'_> {
                 command_gaps: Vec::new(),
             });
         }
-        let mut log = Log {
+        let log = Log {
             source: format!("{source}.csv"),
             hash: String::new(),
             joints,
@@ -567,48 +566,6 @@ impl Observe<'_> {
             continues,
             epoch: 0,
         };
-        let digest = Sha256::digest(to_csv(&log).as_bytes());
-        log.hash = digest.iter().map(|b| format!("{b:02x}")).collect();
-        log
+        log.hashed()
     }
-}
-
-/// A log as the CSV that the reader of recordings takes: `time,JOINT.position,...`; a value that is missing is left empty.
-pub fn to_csv(log: &Log) -> String {
-    use std::fmt::Write;
-    let mut columns: Vec<(String, &Series)> = Vec::new();
-    for joint in &log.joints {
-        columns.push((format!("{}.position", joint.name), &joint.position));
-        columns.extend(joint.velocity.as_ref().map(|s| (format!("{}.velocity", joint.name), s)));
-        columns.extend(joint.effort.as_ref().map(|s| (format!("{}.effort", joint.name), s)));
-        columns.extend(joint.command.as_ref().map(|(kind, s)| {
-            let word = match kind {
-                CommandKind::Effort => "effort",
-                CommandKind::Position => "position",
-                CommandKind::Voltage => "voltage",
-            };
-            (format!("{}.command_{word}", joint.name), s)
-        }));
-    }
-    let mut times: Vec<f64> = columns.iter().flat_map(|(_, s)| s.time.iter().copied()).collect();
-    times.sort_by(f64::total_cmp);
-    times.dedup();
-    let mut text = String::from("time");
-    for (name, _) in &columns {
-        let _ = write!(text, ",{name}");
-    }
-    text.push('\n');
-    let mut next = vec![0; columns.len()];
-    for t in times {
-        let _ = write!(text, "{t}");
-        for (k, (_, series)) in columns.iter().enumerate() {
-            text.push(',');
-            if series.time.get(next[k]) == Some(&t) {
-                let _ = write!(text, "{:e}", series.value[next[k]]);
-                next[k] += 1;
-            }
-        }
-        text.push('\n');
-    }
-    text
 }

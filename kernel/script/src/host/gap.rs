@@ -11,7 +11,7 @@ use sagci_gap::report::Gap;
 use sagci_gap::{Found, Options, find, page};
 use sagci_library::Evidence;
 use sagci_model::{JointKind, ObjectModel};
-use sagci_recording::{Log, to_csv};
+use sagci_recording::Log;
 use sagci_refinement::{HeldJoint, held_joint};
 use sagci_signal::SceneBelief;
 use sagci_skill::{Failure, FailureCode};
@@ -57,7 +57,7 @@ impl Recorded {
     /// Writes the recordings beside the run's own: `sagci gap` reads them.
     pub(super) fn write(&self, folder: &Path, stem: &str) -> Result<(), std::io::Error> {
         for (i, log) in self.logs.iter().flatten().enumerate() {
-            std::fs::write(folder.join(format!("{stem}.hold-{}.csv", i + 1)), to_csv(log))?;
+            std::fs::write(folder.join(format!("{stem}.hold-{}.csv", i + 1)), log.to_csv())?;
         }
         Ok(())
     }
