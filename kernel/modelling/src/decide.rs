@@ -5,7 +5,7 @@ use nalgebra::{Point3, Unit, Vector3};
 use crate::ModellingError;
 use crate::analysis::Analysis;
 use crate::candidate::Candidate;
-use crate::feature::CANDIDATES;
+use crate::feature::{CANDIDATES, touching};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
 
@@ -82,32 +82,84 @@ pub(crate) struct Decision {
 /// furniture alone, and would see panels in a ball.
 pub(crate) const WALLED: f64 = 0.3;
 
-/// Asks the network about all four sides, and about the front in full.
-pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision, ModellingError> {
-    let n = analysis.superpoints.len();
+/// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
+struct Seen<'a> {
+    side: Side<'a>,
+    mirror: Side<'a>,
+    trunks: [Trunk<Matrix>; 2],
+}
+
+impl Seen<'_> {
+    fn classes(&self, network: &mut Network<'_, Plain<'_>>) -> Result<Matrix, ModellingError> {
+        let [mut a, mut b] = [network.classes(&self.trunks[0])?, network.classes(&self.trunks[1])?];
+        softmax_rows(&mut a);
+        softmax_rows(&mut b);
+        Ok((a + b) * 0.5)
+    }
+
+    fn same_part(&self, network: &mut Network<'_, Plain<'_>>, n: usize, pairs: &[(usize, usize)]) -> Result<Matrix, ModellingError> {
+        Ok((network.same_part(&self.trunks[0], n, pairs)? + network.same_part(&self.trunks[1], n, pairs)?) * 0.5)
+    }
+
+    /// The candidates of parts, and what the network says of each.
+    fn joints(
+        &self,
+        network: &mut Network<'_, Plain<'_>>,
+        n: usize,
+        groups: &[Vec<usize>],
+    ) -> Result<(Vec<Vec<Candidate>>, Matrix), ModellingError> {
+        let (options, mirrored) = (self.side.options(groups), self.mirror.options(groups));
+        let mut out = network.joints(&self.trunks[0], n, groups, options.rows())?;
+        let other = network.joints(&self.trunks[1], n, groups, mirrored.rows())?;
+        for (g, (own, image)) in options.parts.iter().zip(&mirrored.parts).enumerate() {
+            for (c, candidate) in own.iter().enumerate() {
+                let Some(k) = candidate.image(image) else { continue };
+                for column in 0..out.ncols() {
+                    // What lies across the section turns round.
+                    let sign = if column == 2 { candidate.across_sign(&image[k]) } else { 1.0 };
+                    let at = (g * CANDIDATES + c, column);
+                    out[at] = 0.5 * (out[at] + sign * other[(g * CANDIDATES + k, column)]);
+                }
+            }
+        }
+        Ok((options.parts, out))
+    }
+}
+
+/// Asks the network about all sides at all yaws, and about the front in full. Tells with which of the analyses it went on.
+pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize, Decision), ModellingError> {
     let mut plain = Plain { weights: &weights.matrices };
-    let mut best: Option<(f32, Side<'_>, Trunk<Matrix>)> = None;
-    for quarter in 0..4 {
-        let side = Side::new(analysis, quarter);
-        let f = side.features();
-        let mut network = Network::new(&mut plain);
-        let trunk = network.trunk(f.pieces, f.points, f.pairs)?;
-        let score = network.front(&trunk, n)?[0];
-        if best.as_ref().is_none_or(|b| score > b.0) {
-            best = Some((score, side, trunk));
+    let mut best: Option<(f32, usize, Seen<'_>)> = None;
+    for (index, analysis) in analyses.iter().enumerate() {
+        let n = analysis.superpoints.len();
+        let touching = touching(analysis);
+        for quarter in 0..4 {
+            let side = Side::new(analysis, quarter);
+            let mirror = Side::new(analysis, quarter).mirrored();
+            let mut network = Network::new(&mut plain);
+            let mut trunk = |s: &Side<'_>| {
+                let f = s.features(&touching);
+                network.trunk(f.pieces, f.points, f.pairs)
+            };
+            let trunks = [trunk(&side)?, trunk(&mirror)?];
+            let score = network.front(&trunks[0], n)?[0] + network.front(&trunks[1], n)?[0];
+            if best.as_ref().is_none_or(|b| score > b.0) {
+                best = Some((score, index, Seen { side, mirror, trunks }));
+            }
         }
     }
-    let Some((_, side, trunk)) = best else {
+    let Some((_, index, seen)) = best else {
         return Err(ModellingError::TooFew { finite: 0, total: 0, least: crate::prepare::LEAST });
     };
+    let analysis = &analyses[index];
+    let n = analysis.superpoints.len();
     let mut network = Network::new(&mut plain);
-    let mut classes = network.classes(&trunk)?;
-    softmax_rows(&mut classes);
+    let classes = seen.classes(&mut network)?;
     let on_walls = analysis.superpoints.iter().filter(|s| s.axial.is_some()).map(|s| s.points.len()).sum::<usize>();
     let walled = on_walls as f64 / analysis.points.len().max(1) as f64;
     let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < 0.5).collect();
     let doubt = (0..n).filter(|i| classes[(*i, 0)] >= 0.5).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
-    let groups = group(analysis, &mut network, &trunk, &moving, n)?;
+    let groups = group(analysis, &mut network, &seen, &moving, n)?;
     let total = analysis.points.len();
     let size = |g: &[usize]| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum::<usize>();
     let groups: Vec<Vec<usize>> = groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total).collect();
@@ -121,22 +173,22 @@ pub(crate) fn decide(analysis: &Analysis, weights: &Weights) -> Result<Decision,
     }
     let mut parts = Vec::new();
     if !groups.is_empty() {
-        let options = side.options(&groups);
-        let out = network.joints(&trunk, n, &groups, options.rows())?;
+        let (candidates, out) = seen.joints(&mut network, n, &groups)?;
         for (g, pieces) in groups.iter().enumerate() {
-            parts.push(moving_part(analysis, &side, &classes, pieces, &options.parts[g], &out, g * CANDIDATES));
+            parts.push(moving_part(analysis, &seen.side, &classes, pieces, &candidates[g], &out, g * CANDIDATES));
         }
     }
     // The larger ones first: names count from there.
     parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
-    Ok(Decision { parts, body_confidence: body_confidence.0 / f64::max(body_confidence.1, 1.0), doubt, walled })
+    let body_confidence = body_confidence.0 / f64::max(body_confidence.1, 1.0);
+    Ok((index, Decision { parts, body_confidence, doubt, walled }))
 }
 
 /// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.
 fn group(
     analysis: &Analysis,
     network: &mut Network<'_, Plain<'_>>,
-    trunk: &Trunk<Matrix>,
+    seen: &Seen<'_>,
     moving: &[usize],
     n: usize,
 ) -> Result<Vec<Vec<usize>>, ModellingError> {
@@ -145,7 +197,7 @@ fn group(
     let mut odds = vec![0.0; m * m];
     if !pairs.is_empty() {
         let asked: Vec<(usize, usize)> = pairs.iter().map(|(a, b)| (moving[*a], moving[*b])).collect();
-        let answers = network.same_part(trunk, n, &asked)?;
+        let answers = seen.same_part(network, n, &asked)?;
         for (k, (a, b)) in pairs.iter().enumerate() {
             odds[a * m + b] = f64::from(answers[k]);
             odds[b * m + a] = odds[a * m + b];

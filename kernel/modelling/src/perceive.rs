@@ -37,10 +37,11 @@ pub struct Perceived {
 ///
 /// Errors: too few points, all in one plane, several objects, a size that cannot be, weights that do not fit.
 pub fn perceive(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
-    let analysis = analyse(cloud)?;
-    let decision = decide(&analysis, weights)?;
-    let of_point = label(&analysis, &decision);
-    Ok(put_together(&analysis, &decision, &of_point, name))
+    let analyses = analyse(cloud)?;
+    let (index, decision) = decide(&analyses, weights)?;
+    let analysis = &analyses[index];
+    let of_point = label(analysis, &decision);
+    Ok(put_together(analysis, &decision, &of_point, name))
 }
 
 /// The part of each thinned point.

@@ -57,7 +57,7 @@ pub enum TrainingError {
 
 /// Draws lessons, several at a time, in order. `held_out` draws from the families that are kept out of training.
 pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
-    (0..count).into_par_iter().filter_map(|i| lesson(seed, i, held_out)).collect()
+    (0..count).into_par_iter().flat_map_iter(|i| lesson(seed, i, held_out)).collect()
 }
 
 /// Trains on lessons; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
@@ -107,7 +107,7 @@ pub fn train(
         }
         let mut line = format!("epoch {:3}  {}", epoch + 1, total.line());
         if (epoch + 1) % 4 == 0 || epoch + 1 == settings.epochs {
-            line += &format!("\n     held out  {}", judge(&weights, checked)?.line());
+            line += &format!("\n        fresh  {}", judge(&weights, checked)?.line());
         }
         lines.push(line.clone());
         made.matrices.clone_from(&weights);

@@ -88,7 +88,7 @@ pub fn learn(
         false => Some(network.joints(&front, n, &lesson.parts, lesson.candidates.clone())?),
     };
     let other = trunk(&mut network, &lesson.other)?;
-    let no = network.front(&other, n)?;
+    let no = network.front(&other, lesson.other.pieces.nrows())?;
     let mut score = Score { lessons: 1.0, ..Score::default() };
     let mut seeds: Vec<(Value, Matrix)> = Vec::new();
 
