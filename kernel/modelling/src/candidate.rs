@@ -84,18 +84,15 @@ fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
     Shape { low, high, center: nalgebra::center(&low, &high), panel, normal, flat_share }
 }
 
-/// Most points of the rest of the object that distances are taken to.
-const REST: usize = 3000;
+/// What stands out of a panel, and which way that is.
+struct Proud {
+    points: Vec<Point3<f64>>,
+    outward: Vector3<f64>,
+    /// Where the panel is along it, m.
+    panel: f64,
+}
 
-/// The nine candidates of a part, given by its superpoints.
-pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
-    let s = shape(posed, part);
-    let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| part.contains(&(k as usize)));
-    let rest: Vec<usize> = (0..posed.points.len()).filter(|i| !own(i)).collect();
-    let rest: Vec<Point3<f64>> = rest.iter().step_by(rest.len() / REST + 1).map(|i| posed.points[*i]).collect();
-    let size = posed.high - posed.low;
-    let diagonal = posed.diagonal();
-    let from_rest = |p: &Point3<f64>| rest.iter().map(|q| (q - p).norm_squared()).fold(0.09, f64::min).sqrt();
+fn proud(posed: &Posed<'_>, part: &[usize], s: &Shape) -> Proud {
     // What stands out of the panel, away from the object's middle: a handle, most likely. Some of its points may be in no superpoint, or in
     // one that was not taken for the part's.
     let outward = {
@@ -118,7 +115,7 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
         (quantile(&mut t, 0.01), quantile(&mut t, 0.99))
     };
     let (wide, high) = (reach(&level), reach(&rise));
-    let proud: Vec<Point3<f64>> = (0..posed.points.len())
+    let points: Vec<Point3<f64>> = (0..posed.points.len())
         .filter(|i| {
             let p = posed.points[*i].coords;
             let off = p.dot(&outward) - panel_at;
@@ -127,6 +124,65 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
         })
         .map(|i| posed.points[i])
         .collect();
+    Proud { points, outward, panel: panel_at }
+}
+
+/// A bar or knob that a hand can take hold of, in K.
+#[derive(Debug, Clone)]
+pub(crate) struct Handle {
+    /// Ends of its middle line, m.
+    pub(crate) from: Point3<f64>,
+    pub(crate) to: Point3<f64>,
+    /// Half of its width, m.
+    pub(crate) radius: f64,
+    /// Unit vector away from the panel.
+    pub(crate) outward: Vector3<f64>,
+    /// From its middle line to the panel, m.
+    pub(crate) off: f64,
+}
+
+/// The handle of a part, if one is seen: what stands out of its panel, if that is of a size for a hand.
+pub(crate) fn handle(posed: &Posed<'_>, part: &[usize]) -> Option<Handle> {
+    let s = shape(posed, part);
+    let Proud { points, outward, panel } = proud(posed, part, &s);
+    if points.len() < 8 {
+        return None;
+    }
+    // Its outer half is the bar; what is nearer the panel are its posts.
+    let off = |p: &Point3<f64>| p.coords.dot(&outward) - panel;
+    let far = quantile(&mut points.iter().map(off).collect::<Vec<_>>(), 0.9);
+    let bar: Vec<Point3<f64>> = points.into_iter().filter(|p| off(p) > 0.6 * far).collect();
+    let level = if outward.z.abs() > 0.9 { Vector3::y() } else { outward.cross(&Vector3::z()).normalize() };
+    let ends = |e: &Vector3<f64>| {
+        let mut t: Vec<f64> = bar.iter().map(|p| p.coords.dot(e)).collect();
+        (quantile(&mut t, 0.05), quantile(&mut t, 0.95))
+    };
+    let rise = outward.cross(&level);
+    let (u, v) = (ends(&level), ends(&rise));
+    let ((along, long), (across, wide)) = if u.1 - u.0 > v.1 - v.0 { ((level, u), (rise, v)) } else { ((rise, v), (level, u)) };
+    let radius = (0.5 * (wide.1 - wide.0)).max(0.003);
+    if radius > 0.035 || long.1 - long.0 > 2.0 || bar.len() < 5 {
+        return None;
+    }
+    let middle = ends(&outward);
+    let at = |t: f64| Point3::from(along * t + across * ((wide.0 + wide.1) / 2.0) + outward * ((middle.0 + middle.1) / 2.0));
+    let off = (middle.0 + middle.1) / 2.0 - panel;
+    Some(Handle { from: at(long.0), to: at(long.1), radius, outward, off })
+}
+
+/// Most points of the rest of the object that distances are taken to.
+const REST: usize = 3000;
+
+/// The nine candidates of a part, given by its superpoints.
+pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
+    let s = shape(posed, part);
+    let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| part.contains(&(k as usize)));
+    let rest: Vec<usize> = (0..posed.points.len()).filter(|i| !own(i)).collect();
+    let rest: Vec<Point3<f64>> = rest.iter().step_by(rest.len() / REST + 1).map(|i| posed.points[*i]).collect();
+    let size = posed.high - posed.low;
+    let diagonal = posed.diagonal();
+    let from_rest = |p: &Point3<f64>| rest.iter().map(|q| (q - p).norm_squared()).fold(0.09, f64::min).sqrt();
+    let Proud { points: proud, .. } = proud(posed, part, &s);
     let grip = (proud.len() >= 5).then(|| {
         let mean = proud.iter().map(|p| p.coords).sum::<Vector3<f64>>() / proud.len() as f64;
         let spread = proud.iter().map(|p| (p.coords - mean).map(|x| x * x)).sum::<Vector3<f64>>() / proud.len() as f64;

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::ModellingError;
 use crate::analysis::Analysis;
-use crate::candidate::Candidate;
+use crate::candidate::{Candidate, Handle, handle};
 use crate::feature::{CANDIDATES, touching};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
@@ -65,6 +65,8 @@ pub(crate) struct Moving {
     pub(crate) motions: Vec<Motion>,
     /// Standard deviation of the axis, rad, and of its place, m.
     pub(crate) uncertainty: [f64; 2],
+    /// What a hand can take hold of. In W.
+    pub(crate) handle: Option<Handle>,
 }
 
 /// What was decided.
@@ -278,6 +280,10 @@ fn moving_part(
         probabilities: [fixed, (1.0 - fixed) * (1.0 - slides), (1.0 - fixed) * slides],
         motions,
         uncertainty: [0.02 + 0.3 * (1.0 - sure), 0.01 + 0.1 * (1.0 - sure)],
+        handle: handle(&side.posed, pieces).map(|h| {
+            let R_WK = (side.posed.R_KA * analysis.R_AW).inverse();
+            Handle { from: R_WK * h.from, to: R_WK * h.to, outward: R_WK * h.outward, ..h }
+        }),
     }
 }
 

@@ -14,7 +14,7 @@ pub const PIECE: usize = 50;
 /// Features of a point of a superpoint.
 pub const POINT: usize = 7;
 /// Points of a superpoint that are looked at.
-pub const SAMPLES: usize = 24;
+pub const SAMPLES: usize = 16;
 /// Features of a pair.
 pub const PAIR: usize = 16;
 /// Features of a candidate joint.

@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::{
-    Document, Geometry, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel, Origin, Provenance,
+    BarGrasp, Document, Geometry, GraspHint, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel, Origin, Provenance,
     RefitTolerance, Shape,
 };
 
 use crate::analysis::{Analysis, analyse};
+use crate::candidate::Handle;
 use crate::decide::{Decision, Motion, Moving, WALLED, decide};
 use crate::network::Weights;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
@@ -87,6 +88,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
     let mut joints = Vec::new();
     let mut reports = Vec::new();
     let mut hypotheses = Vec::new();
+    let mut grasps = Vec::new();
     for (k, p) in decision.parts.iter().enumerate() {
         let (Some(motion), link_name) = (p.motions.first(), &names[k + 1]) else { continue };
         let X_WL = at_state(motion);
@@ -106,6 +108,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
             mimic: None,
         });
         hypotheses.push(told(&joint, p));
+        grasps.extend(p.handle.as_ref().map(|h| grasp(link_name, h, &X_WL)));
         reports.push(joint_report(&joint, link_name, p, motion, unit));
     }
     let parts: Vec<PartReport> = (0..names.len())
@@ -137,6 +140,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
         },
         movable: false,
         joint_hypotheses: hypotheses,
+        grasps,
         // Masses follow from what is seen and a density that is guessed.
         refit_tolerance: RefitTolerance { mass: 0.7, center_of_mass: 0.1 },
         provenance: Provenance {
@@ -209,6 +213,23 @@ fn told(joint: &str, p: &Moving) -> JointHypotheses {
             })
             .collect(),
     }
+}
+
+/// A handle as a hint for grippers, in the frame of its link, which stands at `X_WL`.
+fn grasp(link: &str, h: &Handle, X_WL: &Isometry3<f64>) -> GraspHint {
+    let X_LW = X_WL.inverse();
+    let point = |p: &Point3<f64>| (X_LW * p).coords.map(round).into();
+    GraspHint::Bar(BarGrasp {
+        name: format!("{link}_handle"),
+        link: link.to_owned(),
+        from: point(&h.from),
+        to: point(&h.to),
+        radius: round(h.radius),
+        outward: Unit::new_normalize(X_LW.rotation * h.outward).into_inner().into(),
+        // As far as a hand may turn before it touches the panel, were it as long as fingers are.
+        swing: 0.8,
+        depth: round((h.off - 0.002).max(0.005)),
+    })
 }
 
 /// A link from its shapes in W; `X_WL` where it stands.

@@ -86,7 +86,7 @@ pub fn train(
                 .par_iter()
                 .map(|i| {
                     let mut g = BTreeMap::new();
-                    learn(&weights, &lessons[*i], Some(&mut g)).map(|s| (s, g))
+                    learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
                 })
                 .collect();
             // Summed in the order of the batch, so that the number of threads does not change a bit.
@@ -121,7 +121,7 @@ pub fn train(
 ///
 /// Errors: weights that do not fit the network.
 pub fn judge(weights: &BTreeMap<String, Matrix>, lessons: &[Lesson]) -> Result<Score, ModellingError> {
-    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, None)).collect();
+    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, true, None)).collect();
     let mut total = Score::default();
     scores?.iter().for_each(|s| total.add(s));
     Ok(total)

@@ -15,7 +15,7 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Objects that are learned from.
-    #[arg(long, default_value_t = 8000)]
+    #[arg(long, default_value_t = 3500)]
     objects: u64,
     /// How often each is seen.
     #[arg(long, default_value_t = 8)]
@@ -53,7 +53,7 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     let taught = lessons(a.seed, a.objects, false);
     // Others of the same families: the held-out ones are for the evaluation alone.
-    let checked = lessons(a.seed.wrapping_add(FRESH), 150, false);
+    let checked = lessons(a.seed.wrapping_add(FRESH), 60, false);
     eprintln!("{} objects drawn and analysed in {:.0} s", taught.len(), start.elapsed().as_secs_f64());
     let weights = train(&settings, &taught, &checked, &mut |line, so_far| {
         eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());

@@ -6,7 +6,7 @@ use sagci_furniture::{Category, Kind};
 use super::score::score;
 use super::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, case, figures};
 
-const OPTIONS: PerceptionOptions = PerceptionOptions { seed: 4, objects: 2, only: String::new(), trained: false };
+const OPTIONS: PerceptionOptions = PerceptionOptions { seed: 4, objects: 2, only: String::new(), trained: false, makers: Vec::new() };
 
 /// The truth as an answer.
 fn truth(case: &Case) -> CloudAnswer {
