@@ -215,7 +215,7 @@ pub enum Evaluate {
         /// Folders with an object.urdf of another maker whose front looks along -y, to be seen by the same camera, beside the library's
         /// objects.
         #[arg(long, num_args = 1.., value_name = "DIR")]
-        models: Vec<PathBuf>,
+        beside: Vec<PathBuf>,
         /// Where things are.
         #[command(flatten)]
         places: Places,

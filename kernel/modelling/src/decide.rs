@@ -78,6 +78,8 @@ pub(crate) struct Decision {
     pub(crate) doubt: f64,
     /// Share of points on walls along the axes of the object's box.
     pub(crate) walled: f64,
+    /// Direction out of the front, in W.
+    pub(crate) front: Vector3<f64>,
 }
 
 /// Furniture is made of walls: where fewer points than this share lie on any, the network is not asked about parts. It has learned from
@@ -183,7 +185,7 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize,
     // The larger ones first: names count from there.
     parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
     let body_confidence = body_confidence.0 / f64::max(body_confidence.1, 1.0);
-    Ok((index, Decision { parts, body_confidence, doubt, walled }))
+    Ok((index, Decision { parts, body_confidence, doubt, walled, front: seen.side.front() }))
 }
 
 /// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.

@@ -32,6 +32,8 @@ pub struct Perceived {
     pub part: Vec<i32>,
     /// The model. Its root link's frame is the world's; joints are shut at zero.
     pub model: ObjectModel,
+    /// Pose of the frame that the library gives its objects: on the ground amid the object, z up, the front along -y.
+    pub X_WO: Isometry3<f64>,
 }
 
 /// Models the object whose cloud this is: points in a world frame with z up, of one or several views.
@@ -153,7 +155,16 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
     };
     let model = ObjectModel { name: name.to_owned(), folder: std::path::PathBuf::new(), links, joints, document };
     let report = Report { schema: 1, rigid, reason, frame: "world".to_owned(), parts, joints: reports, notes, seconds: Seconds::default() };
-    Perceived { report, part, model }
+    Perceived { report, part, model, X_WO: stand(analysis, &decision.front) }
+}
+
+/// Where the library's frame stands for an object with a front.
+fn stand(analysis: &Analysis, front: &Vector3<f64>) -> Isometry3<f64> {
+    let R_WA = analysis.R_AW.inverse();
+    let middle = R_WA * nalgebra::center(&analysis.low, &analysis.high);
+    // -y looks along the front.
+    let yaw = front.x.atan2(-front.y);
+    Isometry3::new(Vector3::new(middle.x, middle.y, analysis.low.z), Vector3::z() * yaw)
 }
 
 /// Six digits after the point: a micrometre.
@@ -278,6 +289,25 @@ fn inertial(boxes: &[(Isometry3<f64>, &Slab)]) -> Inertial {
 }
 
 impl Perceived {
+    /// The model with its root in the library's frame.
+    pub fn standing(&self) -> ObjectModel {
+        let X_OW = self.X_WO.inverse();
+        let mut model = self.model.clone();
+        if let Some(root) = model.links.first_mut() {
+            root.visuals.iter_mut().chain(&mut root.collisions).for_each(|s| s.X_LG = X_OW * s.X_LG);
+            let R = X_OW.rotation.to_rotation_matrix();
+            let I = R.matrix() * root.inertial.I_LLcm_L * R.matrix().transpose();
+            root.inertial.p_LoLcm = X_OW * root.inertial.p_LoLcm;
+            root.inertial.I_LLcm_L = (I + I.transpose()) / 2.0;
+        }
+        model.joints.iter_mut().filter(|j| j.parent == 0).for_each(|j| j.X_PJ = X_OW * j.X_PJ);
+        for way in model.document.joint_hypotheses.iter_mut().flat_map(|h| &mut h.ways) {
+            way.axis = (X_OW.rotation * Vector3::from(way.axis)).into();
+            way.origin = (X_OW * Point3::from(way.origin)).coords.into();
+        }
+        model
+    }
+
     /// Writes `object.urdf`, `meshes/`, `model.yaml`, `perception.json` and `parts.ply` into a folder. `input` is the cloud as it came.
     ///
     /// Errors: a file that cannot be written.

@@ -16,7 +16,7 @@ pub fn evaluate(command: &Evaluate) -> Result<bool, CliError> {
 }
 
 fn perception(command: &Evaluate) -> Result<bool, CliError> {
-    let Evaluate::Perception { seed, objects, only, trained, weights, models, places, each, format } = command else { return Ok(false) };
+    let Evaluate::Perception { seed, objects, only, trained, weights, beside, places, each, format } = command else { return Ok(false) };
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
     let weights = weights_of(weights.as_deref())?;
     let mut makers = Vec::new();
@@ -26,7 +26,7 @@ fn perception(command: &Evaluate) -> Result<bool, CliError> {
         let names = library.as_ref().and_then(|l| l.names().ok()).unwrap_or_default();
         let stored = names.iter().filter_map(|name| library.as_ref()?.get(name).ok()).map(|s| s.model.as_ref().clone());
         makers.extend(stored.filter(|m| m.document.robot.is_none()));
-        for folder in models {
+        for folder in beside {
             makers.push(sagci_model::ObjectModel::read(folder).map_err(|e| other(&e))?);
         }
     }
