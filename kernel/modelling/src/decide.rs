@@ -82,6 +82,9 @@ pub(crate) struct Decision {
     pub(crate) front: Vector3<f64>,
 }
 
+/// How far a motion may be believed that does not go with what the part seems to be.
+const DOUBT: f64 = 0.1;
+
 /// Furniture is made of walls: where fewer points than this share lie on any, the network is not asked about parts. It has learned from
 /// furniture alone, and would see panels in a ball.
 pub(crate) const WALLED: f64 = 0.3;
@@ -258,6 +261,21 @@ fn moving_part(
     let mut p = Matrix::from_fn(1, CANDIDATES, |_, c| out[(row + c, 0)]);
     softmax_rows(&mut p);
     let fixed = share[0];
+    // What a part is and how it moves are two answers to one question; each has seen what the other has not.
+    let moves = (1.0 - fixed).max(1e-6);
+    for (c, candidate) in candidates.iter().enumerate() {
+        let level = candidate.axis.z.abs() < 0.5;
+        let fits = match (candidate.slides, level) {
+            (true, _) if candidate.axis.x.abs() > 0.5 => share[2],
+            (true, _) => share[1],
+            (false, false) => share[1],
+            (false, true) if candidate.axis.y.abs() > 0.5 => share[3] + share[4],
+            (false, true) => share[3],
+        };
+        p[c] *= (DOUBT + fits / moves) as f32;
+    }
+    let sum = p.sum().max(1e-9);
+    p /= sum;
     let slides: f64 = candidates.iter().zip(p.iter()).filter(|(c, _)| c.slides).map(|(_, p)| f64::from(*p)).sum();
     let mut motions: Vec<Motion> = candidates
         .iter()

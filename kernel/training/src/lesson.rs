@@ -27,6 +27,8 @@ pub struct JointTruth {
 
 /// One object, seen from its front and from a wrong side.
 pub struct Lesson {
+    /// What kind of object it is.
+    pub category: Category,
     /// From the front.
     pub front: Inputs,
     /// From another side.
@@ -151,7 +153,7 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
         let candidates = front.options(&kept).rows();
         let other = inputs(&side(wrong, mirror), &near_wrong);
         let (class, part, weight) = (class.clone(), part.clone(), weight.clone());
-        Lesson { front: inputs(&front, &near), other, class, part, weight, parts: kept, candidates, joints }
+        Lesson { category: object.category, front: inputs(&front, &near), other, class, part, weight, parts: kept, candidates, joints }
     };
     Some(vec![taught(false), taught(true)])
 }

@@ -60,17 +60,23 @@ pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
     (0..count).into_par_iter().flat_map_iter(|i| lesson(seed, i, held_out)).collect()
 }
 
-/// Trains on lessons; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
+/// Trains on lessons, from other weights if some are given; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
 ///
 /// Errors: no lesson at all.
 pub fn train(
     settings: &Settings,
+    from: Option<&Weights>,
     lessons: &[Lesson],
     checked: &[Lesson],
     log: &mut dyn FnMut(&str, &Weights),
 ) -> Result<Weights, TrainingError> {
     let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
-    let mut weights = loss::first_weights(settings.seed, first)?;
+    let mut weights = match from {
+        Some(from) => from.matrices.clone(),
+        None => loss::first_weights(settings.seed, first)?,
+    };
+    // What made the weights that it went on from, as they say it themselves.
+    let before: serde_json::Value = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?.unwrap_or_default();
     let batch = settings.batch.max(1);
     let steps = settings.epochs * lessons.len().div_ceil(batch);
     let mut adam = adam::Adam::new(steps, settings.rate);
@@ -111,7 +117,7 @@ pub fn train(
         }
         lines.push(line.clone());
         made.matrices.clone_from(&weights);
-        made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "log": lines }))?;
+        made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "log": lines, "from": before }))?;
         log(&line, &made);
     }
     Ok(made)
