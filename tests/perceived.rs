@@ -53,7 +53,8 @@ fn a_perceived_model_stands_in_the_measured_world_and_does_not_fly_apart() {
         // Its root's frame is the cloud's: carried to where the arm does not stand.
         let center = model.links[0].inertial.p_LoLcm;
         let away = Translation3::new(3.0 - center.x, -center.y, 0.0).into();
-        let object = SceneObject { name: "found".into(), model: Arc::new(model), placement: Placement::World(away), q, hidden_effect: None };
+        let object =
+            SceneObject { name: "found".into(), model: Arc::new(model), placement: Placement::World(away), q, hidden_effect: None };
         let robot = Arc::new(robot());
         let arm = robot.document.robot.as_ref().unwrap();
         let (start, n) = (arm.configurations[0].name.clone(), arm.arm_joints.len());

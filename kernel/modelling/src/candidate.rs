@@ -63,10 +63,10 @@ fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
         if !own.flat {
             return 0.0;
         }
-        // Points are sparse on what is seen at a grazing angle, so extents count; but a few points far apart are no panel.
+        // Points are sparse on what is seen at a grazing angle, so extents count.
         let mut extent: Vec<f64> = (posed.pieces[*s].high - posed.pieces[*s].low).iter().copied().collect();
         extent.sort_by(f64::total_cmp);
-        (extent[1] * extent[2]).min(4.0 * own.points.len() as f64 * a.scale.spacing.powi(2))
+        extent[1] * extent[2]
     };
     let main = part.iter().copied().max_by(|x, y| area(x).total_cmp(&area(y))).unwrap_or(0);
     let (normal, at) = (posed.pieces[main].normal, posed.pieces[main].center);

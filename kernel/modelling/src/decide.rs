@@ -85,8 +85,8 @@ pub(crate) struct Decision {
 /// What is taken for the body with less than this probability moves. Above one half, since a part that is missed is lost, and one in vain
 /// is found out at the first touch; measured on families that were trained on.
 const STILL: f32 = 0.6;
-/// The same where else nothing would move: most of what is asked about has a part that does.
-const STILL_ALONE: f32 = 0.7;
+/// A group that is the body with more than this probability on the whole is no part.
+const STILL_GROUP: f64 = 0.5;
 /// How far a motion may be believed that does not go with what the part seems to be.
 const DOUBT: f64 = 0.1;
 
@@ -169,20 +169,19 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize,
     let classes = seen.classes(&mut network)?;
     let on_walls = analysis.superpoints.iter().filter(|s| s.axial.is_some()).map(|s| s.points.len()).sum::<usize>();
     let walled = on_walls as f64 / analysis.points.len().max(1) as f64;
-    let moving = |still: f32| (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < still).collect::<Vec<usize>>();
-    let mut still = STILL;
-    if moving(STILL).is_empty() {
-        still = STILL_ALONE;
-    }
-    let moving = moving(still);
-    let doubt = (0..n).filter(|i| classes[(*i, 0)] >= still).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
+    let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
+    let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
     let groups = group(analysis, &mut network, &seen, &moving, n)?;
     let total = analysis.points.len();
     let size = |g: &[usize]| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum::<usize>();
-    let groups: Vec<Vec<usize>> = groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total).collect();
+    let still = |g: &[usize]| {
+        g.iter().map(|i| f64::from(classes[(*i, 0)]) * analysis.superpoints[*i].points.len() as f64).sum::<f64>() / size(g).max(1) as f64
+    };
+    let groups: Vec<Vec<usize>> =
+        groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total && still(g) < STILL_GROUP).collect();
     let mut body_confidence = (0.0, 0.0);
     for i in 0..n {
-        if classes[(i, 0)] >= still {
+        if classes[(i, 0)] >= STILL {
             let w = analysis.superpoints[i].points.len() as f64;
             body_confidence.0 += w * f64::from(classes[(i, 0)]);
             body_confidence.1 += w;

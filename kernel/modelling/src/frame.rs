@@ -33,8 +33,11 @@ pub(crate) fn yaws(points: &[Point3<f64>], local: &[Local], flat: f64) -> Vec<f6
         .iter()
         .map(|l| {
             let upright = 1.0 - l.normal.z.abs() / 0.3;
-            let weight =
-                if l.support < 6 || upright <= 0.0 || !l.residual.is_finite() { 0.0 } else { upright / (1.0 + (l.residual / flat).powi(2)) };
+            let weight = if l.support < 6 || upright <= 0.0 || !l.residual.is_finite() {
+                0.0
+            } else {
+                upright / (1.0 + (l.residual / flat).powi(2))
+            };
             (l.normal.y.atan2(l.normal.x), weight)
         })
         .collect();

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::{
-    BarGrasp, Document, Geometry, GraspHint, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel, Origin, Provenance,
-    RefitTolerance, Shape,
+    BarGrasp, Document, Geometry, GraspHint, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel,
+    Origin, Provenance, RefitTolerance, Shape,
 };
 
 use crate::analysis::{Analysis, analyse};

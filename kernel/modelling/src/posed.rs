@@ -72,7 +72,7 @@ impl<'a> Posed<'a> {
     }
 
     /// A vector of W in K, or in K's mirror.
-    pub(crate) fn from_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn of_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
         let v = self.R_KA * (self.analysis.R_AW * v);
         if self.mirror { Vector3::new(v.x, -v.y, v.z) } else { v }
     }

@@ -55,7 +55,7 @@ impl<'a> Side<'a> {
         axis: &Vector3<f64>,
         origin: &Point3<f64>,
     ) -> Option<(usize, [f64; 2])> {
-        let (axis, origin) = (self.posed.from_world(axis), Point3::from(self.posed.from_world(&origin.coords)));
+        let (axis, origin) = (self.posed.of_world(axis), Point3::from(self.posed.of_world(&origin.coords)));
         let mut best: Option<(usize, [f64; 2], f64)> = None;
         for (index, c) in options.parts[part].iter().enumerate() {
             let along = c.axis.dot(&axis);

@@ -66,7 +66,18 @@ impl Superpoint {
             high[k] = c.get(c.len().saturating_sub(1 + cut)).copied().unwrap_or_default();
         }
         let axial = flat.then(|| (0..3).find(|k| normal[*k].abs() > 0.9945)).flatten();
-        Self { points, center: Point3::from(mean), normal, residual: value.sqrt(), flat, axial, low, high, sides: [1.0; 4], steps: [0.0; 4] }
+        Self {
+            points,
+            center: Point3::from(mean),
+            normal,
+            residual: value.sqrt(),
+            flat,
+            axial,
+            low,
+            high,
+            sides: [1.0; 4],
+            steps: [0.0; 4],
+        }
     }
 }
 
@@ -331,7 +342,7 @@ fn between_grips(piece: &Superpoint, axis: usize, cloud: &[Point3<f64>], grips: 
                 let overlap = a.high[other].min(b.high[other]) - a.low[other].max(b.low[other]);
                 let shorter = (a.high[other] - a.low[other]).min(b.high[other] - b.low[other]);
                 let between = own.iter().any(|c| c.low[k] > a.high[k] && c.high[k] < b.low[k]);
-                if apart < 0.03 || overlap < -0.03 + 0.3 * shorter || between {
+                if apart < 0.06 || overlap < -0.03 + 0.3 * shorter || between {
                     continue;
                 }
                 let found = line(piece, k, other, axis, cloud, scale, Some((a.high[k], b.low[k])));

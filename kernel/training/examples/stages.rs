@@ -19,7 +19,8 @@ fn main() {
     let mut seconds = [0.0; 4];
     println!("category      parts  pieces>.5 pieces>.75  candidate  within5cm  yaw<2deg  size");
     for category in Category::ALL {
-        let (mut parts, mut found, mut well, mut candidate, mut near, mut straight, mut first, mut pieces) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut parts, mut found, mut well, mut candidate, mut near, mut straight, mut first, mut pieces) =
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for index in 0..objects {
             let mut random = Random::new(seed.wrapping_mul(1009).wrapping_add(index), category.name());
             let of = families(category, held_out);
@@ -66,7 +67,8 @@ fn main() {
                 parts += 1.0;
                 let overlap = count(&|i| own(i) && taken(i)) / count(&|i| own(i) || taken(i));
                 let state = joint.state / joint.upper;
-                line += &format!("\n    {:?} {:?} state {state:.2} overlap {overlap:.2}", joint.kind, joint.axis.map(|x| x.round()).data.0[0]);
+                line +=
+                    &format!("\n    {:?} {:?} state {state:.2} overlap {overlap:.2}", joint.kind, joint.axis.map(|x| x.round()).data.0[0]);
                 if overlap < 0.5 {
                     continue;
                 }
@@ -100,5 +102,11 @@ fn main() {
         );
     }
     let each = 1e3 / (6.0 * objects as f64);
-    println!("ms an object: look {:.0}, analyse {:.0}, features {:.0}, options {:.0}", seconds[0] * each, seconds[1] * each, seconds[2] * each, seconds[3] * each);
+    println!(
+        "ms an object: look {:.0}, analyse {:.0}, features {:.0}, options {:.0}",
+        seconds[0] * each,
+        seconds[1] * each,
+        seconds[2] * each,
+        seconds[3] * each
+    );
 }

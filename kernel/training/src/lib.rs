@@ -76,7 +76,7 @@ pub fn train(
         None => loss::first_weights(settings.seed, first)?,
     };
     // What made the weights that it went on from, as they say it themselves.
-    let before: serde_json::Value = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?.unwrap_or_default();
+    let before: Option<serde_json::Value> = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?;
     let batch = settings.batch.max(1);
     let steps = settings.epochs * lessons.len().div_ceil(batch);
     let mut adam = adam::Adam::new(steps, settings.rate);
@@ -117,7 +117,11 @@ pub fn train(
         }
         lines.push(line.clone());
         made.matrices.clone_from(&weights);
-        made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "log": lines, "from": before }))?;
+        let mut note = serde_json::json!({ "settings": settings, "log": lines });
+        if let (Some(before), Some(note)) = (&before, note.as_object_mut()) {
+            note.insert("from".to_owned(), before.clone());
+        }
+        made.made_by = serde_json::to_string(&note)?;
         log(&line, &made);
     }
     Ok(made)

@@ -123,7 +123,11 @@ impl Made {
             .collect();
         let name = model.name.clone();
         let whole = !joints.is_empty() && all.iter().all(|t| !t.is_empty());
-        whole.then_some(Self { name, object: Object { category: Category::Storage, family: "other maker's", parts, joints }, triangles: all })
+        whole.then_some(Self {
+            name,
+            object: Object { category: Category::Storage, family: "other maker's", parts, joints },
+            triangles: all,
+        })
     }
 
     /// The object as drawn from a seed: its states, and how it is looked at.
@@ -140,8 +144,7 @@ impl Made {
                     };
             }
             let how = Look { surroundings: false, ..Look::draw(&mut random) };
-            let cloud: Labelled =
-                look_with(&object, &how, &mut random, &|camera, X_WF, _| self.drawn(camera, &object, X_WF));
+            let cloud: Labelled = look_with(&object, &how, &mut random, &|camera, X_WF, _| self.drawn(camera, &object, X_WF));
             if cloud.part.len() >= 1000 {
                 return Case { name: format!("{}/{number}", self.name), object, cloud };
             }
@@ -168,9 +171,8 @@ fn draw(camera: &Camera, t: &Triangle, part: i32, image: &mut [Option<Hit>]) {
     }
     let normal = (t[1] - t[0]).cross(&(t[2] - t[0]));
     let Some(normal) = normal.try_normalize(1e-15) else { return };
-    let pixel = |p: &Point3<f64>| {
-        (camera.focal * p.x / p.z + camera.width as f64 / 2.0, camera.focal * p.y / p.z + camera.height as f64 / 2.0)
-    };
+    let pixel =
+        |p: &Point3<f64>| (camera.focal * p.x / p.z + camera.width as f64 / 2.0, camera.focal * p.y / p.z + camera.height as f64 / 2.0);
     let corners = t.map(|p| pixel(&p));
     let range = |of: &dyn Fn(&(f64, f64)) -> f64, end: usize| {
         let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).floor().max(0.0) as usize;

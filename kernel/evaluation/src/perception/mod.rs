@@ -78,8 +78,7 @@ pub fn judge_perception(
         told(&scored.line);
         scored
     };
-    let scored: Vec<score::Scored> =
-        asked.into_par_iter().map(|(category, number)| answered(case(options, category, number))).collect();
+    let scored: Vec<score::Scored> = asked.into_par_iter().map(|(category, number)| answered(case(options, category, number))).collect();
     let makers: Vec<(String, Vec<score::Scored>)> = options
         .makers
         .iter()
