@@ -212,6 +212,13 @@ pub enum Evaluate {
         /// Weights of other networks than those that ship.
         #[arg(long, value_name = "FILE")]
         weights: Option<PathBuf>,
+        /// Folders with an object.urdf of another maker whose front looks along -y, to be seen by the same camera, beside the library's
+        /// objects.
+        #[arg(long, num_args = 1.., value_name = "DIR")]
+        beside: Vec<PathBuf>,
+        /// Where things are.
+        #[command(flatten)]
+        places: Places,
         /// Print a line for each cloud.
         #[arg(long)]
         each: bool,

@@ -2,7 +2,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use crate::camera::{Camera, cast};
+use crate::camera::{Camera, Hit, cast};
 use crate::noise::Noise;
 use crate::object::{Category, Object, Solid};
 use crate::random::Random;
@@ -52,6 +52,14 @@ pub struct Labelled {
 
 /// Places an object somewhere in the world, at any yaw, and looks at it with a camera on a wrist.
 pub fn look(object: &Object, look: &Look, random: &mut Random) -> Labelled {
+    look_with(object, look, random, &|camera, X_WF, surroundings| cast(camera, object, X_WF, surroundings))
+}
+
+/// What every pixel of a camera sees of something at a pose, and of what surrounds it.
+pub type Seen<'a> = dyn Fn(&Camera, &Isometry3<f64>, &[Solid]) -> Vec<Option<Hit>> + 'a;
+
+/// The same of something whose surface is not made of solids: `seen` says what a camera sees of it, `object` where it is and how it moves.
+pub fn look_with(object: &Object, look: &Look, random: &mut Random, seen: &Seen<'_>) -> Labelled {
     let X_WF = Isometry3::from_parts(
         Translation3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.pick([0.0, 0.0, 0.75, 1.3])),
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.between(-PI, PI)),
@@ -83,7 +91,7 @@ pub fn look(object: &Object, look: &Look, random: &mut Random) -> Labelled {
         let mut camera = Camera::looking(from, at, look.width, height, focal);
         let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.1 * random.normal());
         camera.X_WC.rotation *= roll;
-        let image = cast(&camera, object, &X_WF, &surroundings);
+        let image = seen(&camera, &X_WF, &surroundings);
         let image = look.noise.spoil(&camera, &image, random);
         camera.X_WC = look.noise.believed(&camera.X_WC, random);
         for (i, hit) in image.iter().enumerate() {

@@ -23,7 +23,7 @@ mod object;
 mod random;
 
 pub use camera::{Camera, Hit, cast};
-pub use cloud::{Labelled, Look, look};
+pub use cloud::{Labelled, Look, Seen, look, look_with};
 pub use family::{FAMILIES, Family, STILL, families};
 pub use noise::Noise;
 pub use object::{Category, Class, Form, Joint, Kind, Object, Part, Solid};

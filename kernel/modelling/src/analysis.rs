@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Rotation3};
 
 use crate::grid::Grid;
-use crate::superpoint::{Scale, Superpoint, superpoints};
+use crate::superpoint::{Regions, Scale, Superpoint};
 use crate::{ModellingError, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
@@ -30,10 +30,10 @@ pub struct Analysis {
     pub(crate) factor: f64,
 }
 
-/// Looks at a cloud in the world's frame.
+/// Looks at a cloud in the world's frame: once for each yaw that the object's walls may have, the likeliest first.
 ///
 /// Errors: as [`crate::perceive()`].
-pub fn analyse(input: &[Point3<f64>]) -> Result<Analysis, ModellingError> {
+pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     let thinned = prepare::thin(input)?;
     let mut notes = Vec::new();
     if thinned.factor != 1.0 {
@@ -60,20 +60,23 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Analysis, ModellingError> {
     if kept.len() < prepare::LEAST {
         return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: prepare::LEAST });
     }
-    let mut local: Vec<normal::Local> = kept.iter().map(|i| local[*i]).collect();
+    let local: Vec<normal::Local> = kept.iter().map(|i| local[*i]).collect();
     let noise = noise(&local);
-    let world: Vec<Point3<f64>> = kept.iter().map(|i| thinned.points[*i]).collect();
-    let yaw = frame::yaw(&local, noise.max(0.002));
-    let R_AW = frame::upright(yaw);
-    let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
-    local.iter_mut().for_each(|l| l.normal = R_AW * l.normal);
     let scale = Scale { spacing, noise };
-    let (superpoints, piece) = superpoints(&points, &local, scale);
+    let world: Vec<Point3<f64>> = kept.iter().map(|i| thinned.points[*i]).collect();
+    let regions = Regions::grown(&world, &local, scale);
     let mut new_index = vec![None; thinned.points.len()];
     kept.iter().enumerate().for_each(|(new, old)| new_index[*old] = Some(new as u32));
-    let of_input = thinned.of_input.iter().map(|i| i.and_then(|i| new_index[i as usize])).collect();
-    let (low, high) = bounds(&points);
-    Ok(Analysis { points, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor })
+    let of_input: Vec<Option<u32>> = thinned.of_input.iter().map(|i| i.and_then(|i| new_index[i as usize])).collect();
+    let in_frame = |yaw: f64| {
+        let R_AW = frame::upright(yaw);
+        let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
+        let (superpoints, piece) = regions.superpoints(&points, scale);
+        let (low, high) = bounds(&points);
+        let (of_input, notes) = (of_input.clone(), notes.clone());
+        Analysis { points, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor }
+    };
+    Ok(frame::yaws(&world, &local, noise.max(0.002)).into_iter().map(in_frame).collect())
 }
 
 /// Bounds without the outermost two in a thousand along each axis.

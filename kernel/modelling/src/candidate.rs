@@ -33,11 +33,10 @@ pub(crate) struct Candidate {
 
 /// What all candidates of a part share.
 struct Shape {
-    /// Its points, without far ones.
+    /// Corners of its points, without far ones.
     low: Point3<f64>,
     high: Point3<f64>,
     center: Point3<f64>,
-    points: Vec<Point3<f64>>,
     /// Points of its largest flat piece, and its normal.
     panel: Vec<Point3<f64>>,
     normal: Vector3<f64>,
@@ -58,9 +57,18 @@ fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
     let range = |k: usize, share: f64| quantile(&mut points.iter().map(|p| p[k]).collect::<Vec<_>>(), share);
     let low = Point3::new(range(0, 0.01), range(1, 0.01), range(2, 0.01));
     let high = Point3::new(range(0, 0.99), range(1, 0.99), range(2, 0.99));
-    // The panel: the largest flat piece, with what lies in its plane.
-    let area = |s: &usize| if a.superpoints[*s].flat { a.superpoints[*s].points.len() } else { 0 };
-    let main = part.iter().copied().max_by_key(area).unwrap_or(0);
+    // The panel: the flat piece of the largest extent, with what lies in its plane.
+    let area = |s: &usize| {
+        let own = &a.superpoints[*s];
+        if !own.flat {
+            return 0.0;
+        }
+        // Points are sparse on what is seen at a grazing angle, so extents count.
+        let mut extent: Vec<f64> = (posed.pieces[*s].high - posed.pieces[*s].low).iter().copied().collect();
+        extent.sort_by(f64::total_cmp);
+        extent[1] * extent[2]
+    };
+    let main = part.iter().copied().max_by(|x, y| area(x).total_cmp(&area(y))).unwrap_or(0);
     let (normal, at) = (posed.pieces[main].normal, posed.pieces[main].center);
     let near = 3.0 * a.superpoints[main].residual.max(a.scale.noise).max(0.003);
     let mut panel: Vec<Point3<f64>> = part
@@ -73,7 +81,93 @@ fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
         panel.clone_from(&points);
     }
     let flat_share = panel.len() as f64 / points.len().max(1) as f64;
-    Shape { low, high, center: nalgebra::center(&low, &high), points, panel, normal, flat_share }
+    Shape { low, high, center: nalgebra::center(&low, &high), panel, normal, flat_share }
+}
+
+/// What stands out of a panel, and which way that is.
+struct Proud {
+    points: Vec<Point3<f64>>,
+    outward: Vector3<f64>,
+    /// Where the panel is along it, m.
+    panel: f64,
+}
+
+fn proud(posed: &Posed<'_>, part: &[usize], s: &Shape) -> Proud {
+    // What stands out of the panel, away from the object's middle: a handle, most likely. Some of its points may be in no superpoint, or in
+    // one that was not taken for the part's.
+    let outward = {
+        let middle = nalgebra::center(&posed.low, &posed.high);
+        let n = s.normal;
+        let sign = if s.normal.x.abs() > 0.3 { s.normal.x.signum() } else { (s.center - middle).dot(&n).signum() };
+        n * sign
+    };
+    let panel_at = s.panel.iter().map(|p| p.coords.dot(&outward)).sum::<f64>() / s.panel.len().max(1) as f64;
+    let least = (3.0 * posed.analysis.scale.noise).max(0.008);
+    let many = posed.points.len() / 60;
+    let small = |i: usize| match posed.analysis.piece[i] {
+        Some(k) => part.contains(&(k as usize)) || posed.analysis.superpoints[k as usize].points.len() < many,
+        None => true,
+    };
+    let level = if outward.z.abs() > 0.9 { Vector3::y() } else { outward.cross(&Vector3::z()).normalize() };
+    let rise = outward.cross(&level);
+    let reach = |e: &Vector3<f64>| {
+        let mut t: Vec<f64> = s.panel.iter().map(|p| p.coords.dot(e)).collect();
+        (quantile(&mut t, 0.01), quantile(&mut t, 0.99))
+    };
+    let (wide, high) = (reach(&level), reach(&rise));
+    let points: Vec<Point3<f64>> = (0..posed.points.len())
+        .filter(|i| {
+            let p = posed.points[*i].coords;
+            let off = p.dot(&outward) - panel_at;
+            let (u, v) = (p.dot(&level), p.dot(&rise));
+            off > least && off < 0.1 && u > wide.0 && u < wide.1 && v > high.0 && v < high.1 && small(*i)
+        })
+        .map(|i| posed.points[i])
+        .collect();
+    Proud { points, outward, panel: panel_at }
+}
+
+/// A bar or knob that a hand can take hold of, in K.
+#[derive(Debug, Clone)]
+pub(crate) struct Handle {
+    /// Ends of its middle line, m.
+    pub(crate) from: Point3<f64>,
+    pub(crate) to: Point3<f64>,
+    /// Half of its width, m.
+    pub(crate) radius: f64,
+    /// Unit vector away from the panel.
+    pub(crate) outward: Vector3<f64>,
+    /// From its middle line to the panel, m.
+    pub(crate) off: f64,
+}
+
+/// The handle of a part, if one is seen: what stands out of its panel, if that is of a size for a hand.
+pub(crate) fn handle(posed: &Posed<'_>, part: &[usize]) -> Option<Handle> {
+    let s = shape(posed, part);
+    let Proud { points, outward, panel } = proud(posed, part, &s);
+    if points.len() < 8 {
+        return None;
+    }
+    // Its outer half is the bar; what is nearer the panel are its posts.
+    let off = |p: &Point3<f64>| p.coords.dot(&outward) - panel;
+    let far = quantile(&mut points.iter().map(off).collect::<Vec<_>>(), 0.9);
+    let bar: Vec<Point3<f64>> = points.into_iter().filter(|p| off(p) > 0.6 * far).collect();
+    let level = if outward.z.abs() > 0.9 { Vector3::y() } else { outward.cross(&Vector3::z()).normalize() };
+    let ends = |e: &Vector3<f64>| {
+        let mut t: Vec<f64> = bar.iter().map(|p| p.coords.dot(e)).collect();
+        (quantile(&mut t, 0.05), quantile(&mut t, 0.95))
+    };
+    let rise = outward.cross(&level);
+    let (u, v) = (ends(&level), ends(&rise));
+    let ((along, long), (across, wide)) = if u.1 - u.0 > v.1 - v.0 { ((level, u), (rise, v)) } else { ((rise, v), (level, u)) };
+    let radius = (0.5 * (wide.1 - wide.0)).max(0.003);
+    if radius > 0.035 || long.1 - long.0 > 2.0 || bar.len() < 5 {
+        return None;
+    }
+    let middle = ends(&outward);
+    let at = |t: f64| Point3::from(along * t + across * ((wide.0 + wide.1) / 2.0) + outward * ((middle.0 + middle.1) / 2.0));
+    let off = (middle.0 + middle.1) / 2.0 - panel;
+    Some(Handle { from: at(long.0), to: at(long.1), radius, outward, off })
 }
 
 /// Most points of the rest of the object that distances are taken to.
@@ -88,25 +182,8 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
     let size = posed.high - posed.low;
     let diagonal = posed.diagonal();
     let from_rest = |p: &Point3<f64>| rest.iter().map(|q| (q - p).norm_squared()).fold(0.09, f64::min).sqrt();
-    // What stands out of the panel, away from the object's middle: a handle, most likely.
-    let outward = {
-        let middle = nalgebra::center(&posed.low, &posed.high);
-        let n = s.normal;
-        let sign = if s.normal.x.abs() > 0.3 { s.normal.x.signum() } else { (s.center - middle).dot(&n).signum() };
-        n * sign
-    };
-    let panel_at = s.panel.iter().map(|p| p.coords.dot(&outward)).sum::<f64>() / s.panel.len().max(1) as f64;
-    let least = (3.0 * posed.analysis.scale.noise).max(0.008);
-    let proud: Vec<Point3<f64>> = s
-        .points
-        .iter()
-        .filter(|p| {
-            let off = p.coords.dot(&outward) - panel_at;
-            off > least && off < 0.12
-        })
-        .copied()
-        .collect();
-    let grip = (proud.len() >= 6).then(|| {
+    let Proud { points: proud, .. } = proud(posed, part, &s);
+    let grip = (proud.len() >= 5).then(|| {
         let mean = proud.iter().map(|p| p.coords).sum::<Vector3<f64>>() / proud.len() as f64;
         let spread = proud.iter().map(|p| (p.coords - mean).map(|x| x * x)).sum::<Vector3<f64>>() / proud.len() as f64;
         (Point3::from(mean), spread.map(f64::sqrt))
@@ -211,7 +288,25 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
     all
 }
 
+fn flipped(v: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(v.x, -v.y, v.z)
+}
+
 impl Candidate {
+    /// Which of a mirror's candidates is this one's image.
+    pub(crate) fn image(&self, mirror: &[Self]) -> Option<usize> {
+        let axis = flipped(&self.axis);
+        let origin = Point3::from(flipped(&self.origin.coords));
+        let alike = |c: &Self| c.slides == self.slides && if c.slides { c.axis.dot(&axis) > 0.9 } else { c.axis.dot(&axis).abs() > 0.9 };
+        let off = |k: &usize| (mirror[*k].origin - origin).norm_squared();
+        (0..mirror.len()).filter(|k| alike(&mirror[*k])).min_by(|a, b| off(a).total_cmp(&off(b)))
+    }
+
+    /// Does the direction across the section keep its sign in the mirror?
+    pub(crate) fn across_sign(&self, image: &Self) -> f32 {
+        if flipped(&self.across).dot(&image.across) < 0.0 { -1.0 } else { 1.0 }
+    }
+
     /// The point of a line that is nearest the part, across the axis, as residuals of this candidate.
     pub(crate) fn residual(&self, point: &Point3<f64>) -> [f64; 2] {
         let d = point - self.origin;

@@ -3,17 +3,18 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::analysis::Analysis;
 use crate::candidate::{self, Candidate};
 use crate::grid::Grid;
 use crate::network::Matrix;
 use crate::posed::Posed;
 
 /// Features of a superpoint.
-pub const PIECE: usize = 46;
+pub const PIECE: usize = 50;
 /// Features of a point of a superpoint.
 pub const POINT: usize = 7;
 /// Points of a superpoint that are looked at.
-pub const SAMPLES: usize = 24;
+pub const SAMPLES: usize = 16;
 /// Features of a pair.
 pub const PAIR: usize = 16;
 /// Features of a candidate joint.
@@ -58,9 +59,8 @@ pub(crate) fn contacts(points: &[Point3<f64>], piece: &[Option<u32>], count: usi
     touching
 }
 
-/// Contacts do not depend on the side.
-pub(crate) fn touching(posed: &Posed<'_>) -> Vec<f64> {
-    let a = posed.analysis;
+/// How many points of each pair of superpoints lie beside one another. That does not depend on the side.
+pub fn touching(a: &Analysis) -> Vec<f64> {
     contacts(&a.points, &a.piece, a.superpoints.len(), 2.2 * a.scale.spacing)
 }
 
@@ -93,6 +93,7 @@ pub(crate) fn features(posed: &Posed<'_>, touching: &[f64]) -> Features {
         row.push(sp.points.len() as f64 / total * 4.0);
         row.extend((0..3).map(|k| f64::from(u8::from(p.axial == Some(k)))));
         row.extend(p.sides);
+        row.extend(p.steps.map(|x| x * 100.0));
         row.extend([(p.center.x - posed.face) / s * 4.0, (p.high.x - posed.face) / s * 4.0, (p.low.x - posed.face) / s * 4.0]);
         row.extend([(p.center.x - posed.face) * 10.0, (p.high.x - posed.face) * 10.0]);
         row.push(s.ln());

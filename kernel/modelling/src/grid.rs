@@ -11,15 +11,12 @@ pub(crate) struct Mix(u64);
 
 impl Hasher for Mix {
     fn finish(&self) -> u64 {
-        self.0
+        // A product's low bits know its factors' low bits alone, and the table is indexed by those.
+        self.0 ^ (self.0 >> 32)
     }
 
     fn write(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|b| self.write_u64(u64::from(*b)));
-    }
-
-    fn write_i32(&mut self, n: i32) {
-        self.write_u64(n as u32 as u64);
     }
 
     fn write_u64(&mut self, n: u64) {
@@ -27,50 +24,67 @@ impl Hasher for Mix {
     }
 }
 
-pub(crate) type Cells<V> = HashMap<[i32; 3], V, BuildHasherDefault<Mix>>;
+pub(crate) type Cells<V> = HashMap<u64, V, BuildHasherDefault<Mix>>;
+
+/// Cells along each axis from the origin that keys tell apart.
+const REACH: i64 = 1 << 20;
+
+fn along(c: f64, size: f64) -> i64 {
+    // Beyond the grid all fall into its outermost cells: slower, and still right.
+    ((c / size).floor() as i64).clamp(-REACH, REACH - 1)
+}
+
+fn key(x: i64, y: i64, z: i64) -> u64 {
+    let part = |c: i64| (c + REACH) as u64;
+    (part(x) << 42) | (part(y) << 21) | part(z)
+}
+
+/// Where a place is, counted in cells along each axis.
+pub(crate) fn steps(p: &Point3<f64>, size: f64) -> [i64; 3] {
+    [along(p.x, size), along(p.y, size), along(p.z, size)]
+}
 
 /// The cell of a place.
-pub(crate) fn cell(p: &Point3<f64>, size: f64) -> [i32; 3] {
-    [p.x, p.y, p.z].map(|c| (c / size).floor() as i32)
+pub(crate) fn cell(p: &Point3<f64>, size: f64) -> u64 {
+    let [x, y, z] = steps(p, size);
+    key(x, y, z)
 }
 
-/// Points by cells of one size.
-pub(crate) struct Grid<'a> {
-    points: &'a [Point3<f64>],
+/// Points by cells of one size, those of a cell beside one another.
+pub(crate) struct Grid {
     size: f64,
-    first: Cells<u32>,
-    next: Vec<u32>,
+    /// First and last but one of a cell's points.
+    cells: Cells<(u32, u32)>,
+    points: Vec<(Point3<f64>, u32)>,
 }
 
-const END: u32 = u32::MAX;
-
-impl<'a> Grid<'a> {
-    pub(crate) fn new(points: &'a [Point3<f64>], size: f64) -> Self {
-        let mut first: Cells<u32> = Cells::default();
-        let mut next = vec![END; points.len()];
-        // Backwards, so that each chain runs forwards.
-        for (i, p) in points.iter().enumerate().rev() {
-            let head = first.entry(cell(p, size)).or_insert(END);
-            next[i] = *head;
-            *head = i as u32;
+impl Grid {
+    pub(crate) fn new(points: &[Point3<f64>], size: f64) -> Self {
+        let mut order: Vec<(u64, u32)> = points.iter().enumerate().map(|(i, p)| (cell(p, size), i as u32)).collect();
+        order.sort_unstable();
+        let mut cells: Cells<(u32, u32)> = Cells::default();
+        for (at, (key, _)) in order.iter().enumerate() {
+            let at = at as u32;
+            cells.entry(*key).and_modify(|c| c.1 = at + 1).or_insert((at, at + 1));
         }
-        Self { points, size, first, next }
+        let points = order.iter().map(|(_, i)| (points[*i as usize], *i)).collect();
+        Self { size, cells, points }
     }
 
     /// Calls with every point nearer than `radius`, and its squared distance.
     pub(crate) fn near(&self, p: &Point3<f64>, radius: f64, mut call: impl FnMut(usize, f64)) {
         let r = Vector3::repeat(radius);
-        let (low, high) = (cell(&(p - r), self.size), cell(&(p + r), self.size));
+        let (low, high) = (steps(&(p - r), self.size), steps(&(p + r), self.size));
+        let square = radius * radius;
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
-                    let mut i = self.first.get(&[x, y, z]).copied().unwrap_or(END);
-                    while i != END {
-                        let d = (self.points[i as usize] - p).norm_squared();
-                        if d <= radius * radius {
-                            call(i as usize, d);
+                    let Some((from, to)) = self.cells.get(&key(x, y, z)) else { continue };
+                    for (q, i) in &self.points[*from as usize..*to as usize] {
+                        let d = (q - p).norm_squared();
+                        if d <= square {
+                            call(*i as usize, d);
                         }
-                        i = self.next[i as usize];
                     }
                 }
             }
@@ -81,7 +95,7 @@ impl<'a> Grid<'a> {
     pub(crate) fn nearest(&self, p: &Point3<f64>, radius: f64) -> Option<usize> {
         let mut best: Option<(usize, f64)> = None;
         self.near(p, radius, |i, d| {
-            if best.is_none_or(|b| d < b.1) {
+            if best.is_none_or(|b| (d, i) < (b.1, b.0)) {
                 best = Some((i, d));
             }
         });

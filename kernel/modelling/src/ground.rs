@@ -5,7 +5,7 @@
 use nalgebra::Point3;
 
 use crate::ModellingError;
-use crate::grid::Grid;
+use crate::grid::{Grid, steps};
 use crate::normal::Local;
 
 /// Which points are the object's; the height of the surface that was taken away, if any.
@@ -80,11 +80,44 @@ pub(crate) fn components(points: &[Point3<f64>], reach: f64) -> (Vec<u32>, Vec<u
     (of, sizes)
 }
 
+/// The same by cells: points are together where their cells touch, so what is less than a cell apart is one, and what is more than two
+/// cells apart is not. A wide reach then costs no more than a narrow one.
+fn coarse_components(points: &[Point3<f64>], cell: f64) -> (Vec<u32>, Vec<usize>) {
+    let at: Vec<[i64; 3]> = points.iter().map(|p| steps(p, cell)).collect();
+    let mut cells = at.clone();
+    cells.sort_unstable();
+    cells.dedup();
+    let place = |c: &[i64; 3]| cells.binary_search(c).ok();
+    let mut of = vec![u32::MAX; cells.len()];
+    let mut count = 0;
+    for start in 0..cells.len() {
+        if of[start] != u32::MAX {
+            continue;
+        }
+        of[start] = count;
+        let mut stack = vec![start];
+        while let Some(i) = stack.pop() {
+            let [x, y, z] = cells[i];
+            for beside in (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]) {
+                if let Some(j) = place(&beside).filter(|j| of[*j] == u32::MAX) {
+                    of[j] = count;
+                    stack.push(j);
+                }
+            }
+        }
+        count += 1;
+    }
+    let mut sizes = vec![0; count as usize];
+    let of: Vec<u32> = at.iter().map(|c| place(c).map_or(0, |i| of[i])).collect();
+    of.iter().for_each(|c| sizes[*c as usize] += 1);
+    (of, sizes)
+}
+
 /// Errors where far apart lie two things that are both large. Crumbs are marked off the object.
 pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<(), ModellingError> {
     let kept: Vec<usize> = (0..points.len()).filter(|i| object[*i]).collect();
     let coarse: Vec<Point3<f64>> = kept.iter().map(|i| points[*i]).collect();
-    let (of, sizes) = components(&coarse, (0.15 * diagonal).clamp(0.05, 0.4));
+    let (of, sizes) = coarse_components(&coarse, (0.15 * diagonal).clamp(0.05, 0.4));
     let total = coarse.len();
     let large: Vec<usize> = sizes.iter().copied().filter(|s| *s * 8 > total).collect();
     if large.len() > 1 {

@@ -35,7 +35,7 @@ mod superpoint;
 pub use analysis::{Analysis, analyse};
 pub use decide::PartClass;
 pub use error::ModellingError;
-pub use feature::{CANDIDATES, Features, SAMPLES};
+pub use feature::{CANDIDATES, Features, SAMPLES, touching};
 pub use network::Weights;
 pub use perceive::{Perceived, perceive};
 pub use report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};

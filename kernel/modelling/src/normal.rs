@@ -23,7 +23,7 @@ pub(crate) fn least(covariance: &Matrix3<f64>) -> (Vector3<f64>, f64) {
 }
 
 /// Normals from all points within a radius.
-pub(crate) fn normals(points: &[Point3<f64>], grid: &Grid<'_>, radius: f64) -> Vec<Local> {
+pub(crate) fn normals(points: &[Point3<f64>], grid: &Grid, radius: f64) -> Vec<Local> {
     points
         .iter()
         .map(|p| {

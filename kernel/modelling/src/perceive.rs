@@ -3,13 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use sagci_model::{
-    Document, Geometry, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel, Origin, Provenance,
-    RefitTolerance, Shape,
+    BarGrasp, Document, Geometry, GraspHint, Inertial, Joint, JointHypotheses, JointHypothesis, JointKind, JointLimits, Link, ObjectModel,
+    Origin, Provenance, RefitTolerance, Shape,
 };
 
 use crate::analysis::{Analysis, analyse};
+use crate::candidate::Handle;
 use crate::decide::{Decision, Motion, Moving, WALLED, decide};
 use crate::network::Weights;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
@@ -31,16 +32,19 @@ pub struct Perceived {
     pub part: Vec<i32>,
     /// The model. Its root link's frame is the world's; joints are shut at zero.
     pub model: ObjectModel,
+    /// Pose of the frame that the library gives its objects: on the ground amid the object, z up, the front along -y.
+    pub X_WO: Isometry3<f64>,
 }
 
 /// Models the object whose cloud this is: points in a world frame with z up, of one or several views.
 ///
 /// Errors: too few points, all in one plane, several objects, a size that cannot be, weights that do not fit.
 pub fn perceive(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
-    let analysis = analyse(cloud)?;
-    let decision = decide(&analysis, weights)?;
-    let of_point = label(&analysis, &decision);
-    Ok(put_together(&analysis, &decision, &of_point, name))
+    let analyses = analyse(cloud)?;
+    let (index, decision) = decide(&analyses, weights)?;
+    let analysis = &analyses[index];
+    let of_point = label(analysis, &decision);
+    Ok(put_together(analysis, &decision, &of_point, name))
 }
 
 /// The part of each thinned point.
@@ -86,6 +90,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
     let mut joints = Vec::new();
     let mut reports = Vec::new();
     let mut hypotheses = Vec::new();
+    let mut grasps = Vec::new();
     for (k, p) in decision.parts.iter().enumerate() {
         let (Some(motion), link_name) = (p.motions.first(), &names[k + 1]) else { continue };
         let X_WL = at_state(motion);
@@ -105,6 +110,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
             mimic: None,
         });
         hypotheses.push(told(&joint, p));
+        grasps.extend(p.handle.as_ref().map(|h| grasp(link_name, h, &X_WL)));
         reports.push(joint_report(&joint, link_name, p, motion, unit));
     }
     let parts: Vec<PartReport> = (0..names.len())
@@ -136,6 +142,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
         },
         movable: false,
         joint_hypotheses: hypotheses,
+        grasps,
         // Masses follow from what is seen and a density that is guessed.
         refit_tolerance: RefitTolerance { mass: 0.7, center_of_mass: 0.1 },
         provenance: Provenance {
@@ -148,7 +155,16 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
     };
     let model = ObjectModel { name: name.to_owned(), folder: std::path::PathBuf::new(), links, joints, document };
     let report = Report { schema: 1, rigid, reason, frame: "world".to_owned(), parts, joints: reports, notes, seconds: Seconds::default() };
-    Perceived { report, part, model }
+    Perceived { report, part, model, X_WO: stand(analysis, &decision.front) }
+}
+
+/// Where the library's frame stands for an object with a front.
+fn stand(analysis: &Analysis, front: &Vector3<f64>) -> Isometry3<f64> {
+    let R_WA = analysis.R_AW.inverse();
+    let middle = R_WA * nalgebra::center(&analysis.low, &analysis.high);
+    // -y looks along the front.
+    let yaw = front.x.atan2(-front.y);
+    Isometry3::new(Vector3::new(middle.x, middle.y, analysis.low.z), Vector3::z() * yaw)
 }
 
 /// Six digits after the point: a micrometre.
@@ -210,6 +226,23 @@ fn told(joint: &str, p: &Moving) -> JointHypotheses {
     }
 }
 
+/// A handle as a hint for grippers, in the frame of its link, which stands at `X_WL`.
+fn grasp(link: &str, h: &Handle, X_WL: &Isometry3<f64>) -> GraspHint {
+    let X_LW = X_WL.inverse();
+    let point = |p: &Point3<f64>| (X_LW * p).coords.map(round).into();
+    GraspHint::Bar(BarGrasp {
+        name: format!("{link}_handle"),
+        link: link.to_owned(),
+        from: point(&h.from),
+        to: point(&h.to),
+        radius: round(h.radius),
+        outward: Unit::new_normalize(X_LW.rotation * h.outward).into_inner().into(),
+        // As far as a hand may turn before it touches the panel, were it as long as fingers are.
+        swing: 0.8,
+        depth: round((h.off - 0.002).max(0.005)),
+    })
+}
+
 /// A link from its shapes in W; `X_WL` where it stands.
 fn link(name: &str, shapes: &Shapes, X_WL: &Isometry3<f64>, rgba: [f64; 4]) -> Link {
     let X_LW = X_WL.inverse();
@@ -256,6 +289,25 @@ fn inertial(boxes: &[(Isometry3<f64>, &Slab)]) -> Inertial {
 }
 
 impl Perceived {
+    /// The model with its root in the library's frame.
+    pub fn standing(&self) -> ObjectModel {
+        let X_OW = self.X_WO.inverse();
+        let mut model = self.model.clone();
+        if let Some(root) = model.links.first_mut() {
+            root.visuals.iter_mut().chain(&mut root.collisions).for_each(|s| s.X_LG = X_OW * s.X_LG);
+            let R = X_OW.rotation.to_rotation_matrix();
+            let I = R.matrix() * root.inertial.I_LLcm_L * R.matrix().transpose();
+            root.inertial.p_LoLcm = X_OW * root.inertial.p_LoLcm;
+            root.inertial.I_LLcm_L = (I + I.transpose()) / 2.0;
+        }
+        model.joints.iter_mut().filter(|j| j.parent == 0).for_each(|j| j.X_PJ = X_OW * j.X_PJ);
+        for way in model.document.joint_hypotheses.iter_mut().flat_map(|h| &mut h.ways) {
+            way.axis = (X_OW.rotation * Vector3::from(way.axis)).into();
+            way.origin = (X_OW * Point3::from(way.origin)).coords.into();
+        }
+        model
+    }
+
     /// Writes `object.urdf`, `meshes/`, `model.yaml`, `perception.json` and `parts.ply` into a folder. `input` is the cloud as it came.
     ///
     /// Errors: a file that cannot be written.

@@ -15,6 +15,8 @@ pub(crate) struct Piece {
     pub(crate) axial: Option<usize>,
     /// Contrast at the low and high end along the two other axes of K, in ascending order of axes.
     pub(crate) sides: [f64; 4],
+    /// How much farther out what goes on there is, along the normal's axis of K, m.
+    pub(crate) steps: [f64; 4],
 }
 
 /// The analysis in K.
@@ -28,6 +30,8 @@ pub(crate) struct Posed<'a> {
     pub(crate) high: Point3<f64>,
     /// Where the front is: the x of most flat surface across x in the outer half.
     pub(crate) face: f64,
+    /// Is y turned round?
+    pub(crate) mirror: bool,
 }
 
 /// Turns a vector by quarters about z, exactly.
@@ -41,6 +45,38 @@ fn turned(v: &Vector3<f64>, quarter: usize) -> Vector3<f64> {
 }
 
 impl<'a> Posed<'a> {
+    /// The same in a mirror: y becomes -y.
+    pub(crate) fn mirrored(mut self) -> Self {
+        self.mirror = !self.mirror;
+        self.points.iter_mut().for_each(|p| p.y = -p.y);
+        (self.low.y, self.high.y) = (-self.high.y, -self.low.y);
+        for p in &mut self.pieces {
+            p.center.y = -p.center.y;
+            p.normal.y = -p.normal.y;
+            (p.low.y, p.high.y) = (-p.high.y, -p.low.y);
+            let outward = if p.axial == Some(1) { -1.0 } else { 1.0 };
+            p.steps.iter_mut().for_each(|s| *s *= outward);
+            match p.axial {
+                Some(0) => {
+                    p.sides.swap(0, 1);
+                    p.steps.swap(0, 1);
+                }
+                Some(2) => {
+                    p.sides.swap(2, 3);
+                    p.steps.swap(2, 3);
+                }
+                _ => {}
+            }
+        }
+        self
+    }
+
+    /// A vector of W in K, or in K's mirror.
+    pub(crate) fn of_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        let v = self.R_KA * (self.analysis.R_AW * v);
+        if self.mirror { Vector3::new(v.x, -v.y, v.z) } else { v }
+    }
+
     /// K's x is A's x turned by quarters of a turn about z.
     pub(crate) fn new(analysis: &'a Analysis, quarter: usize) -> Self {
         let turn = |p: &Point3<f64>| Point3::from(turned(&p.coords, quarter));
@@ -73,7 +109,7 @@ impl<'a> Posed<'a> {
             }
             None => high.x,
         };
-        Self { analysis, R_KA, points: analysis.points.iter().map(turn).collect(), pieces, low, high, face }
+        Self { analysis, R_KA, points: analysis.points.iter().map(turn).collect(), pieces, low, high, face, mirror: false }
     }
 
     pub(crate) fn diagonal(&self) -> f64 {
@@ -86,9 +122,12 @@ fn piece(s: &Superpoint, quarter: usize) -> Piece {
     let (a, b) = (turn(&s.low), turn(&s.high));
     let odd = quarter % 2 == 1;
     let axis_to = |k: usize| if odd && k < 2 { 1 - k } else { k };
-    let mut sides = [0.0; 4];
+    let (mut sides, mut steps) = ([0.0; 4], [0.0; 4]);
     if let Some(axis) = s.axial {
         let own = axis_to(axis);
+        let mut unit = Vector3::zeros();
+        unit[axis] = 1.0;
+        let outward = if turned(&unit, quarter)[own] < 0.0 { -1.0 } else { 1.0 };
         for (i, k) in [(axis + 1) % 3, (axis + 2) % 3].into_iter().enumerate() {
             let to = axis_to(k);
             let mut unit = Vector3::zeros();
@@ -96,7 +135,9 @@ fn piece(s: &Superpoint, quarter: usize) -> Piece {
             let flipped = turned(&unit, quarter)[to] < 0.0;
             let slot = (0..3).filter(|a| *a != own).position(|a| a == to).unwrap_or(0);
             for end in 0..2 {
-                sides[2 * slot + if flipped { 1 - end } else { end }] = s.sides[2 * i + end];
+                let to = 2 * slot + if flipped { 1 - end } else { end };
+                sides[to] = s.sides[2 * i + end];
+                steps[to] = outward * s.steps[2 * i + end];
             }
         }
     }
@@ -107,5 +148,6 @@ fn piece(s: &Superpoint, quarter: usize) -> Piece {
         normal: turned(&s.normal, quarter),
         axial: s.axial.map(axis_to),
         sides,
+        steps,
     }
 }

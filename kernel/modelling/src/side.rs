@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::analysis::Analysis;
 use crate::candidate::{Candidate, candidates};
-use crate::feature::{CANDIDATES, Features, candidate_rows, features, touching};
+use crate::feature::{CANDIDATES, Features, candidate_rows, features};
 use crate::network::Matrix;
 use crate::posed::Posed;
 
@@ -25,14 +25,19 @@ impl<'a> Side<'a> {
         Self { posed: Posed::new(analysis, quarter) }
     }
 
+    /// The same object in a mirror across y.
+    pub fn mirrored(self) -> Self {
+        Self { posed: self.posed.mirrored() }
+    }
+
     /// Direction out of the front, in W.
     pub fn front(&self) -> Vector3<f64> {
         self.posed.analysis.R_AW.inverse() * (self.posed.R_KA.inverse() * Vector3::x())
     }
 
-    /// What the network is told.
-    pub fn features(&self) -> Features {
-        features(&self.posed, &touching(&self.posed))
+    /// What the network is told; [`crate::touching`] says which superpoints do.
+    pub fn features(&self, touching: &[f64]) -> Features {
+        features(&self.posed, touching)
     }
 
     /// Candidate joints of parts, each given by its superpoints.
@@ -50,8 +55,7 @@ impl<'a> Side<'a> {
         axis: &Vector3<f64>,
         origin: &Point3<f64>,
     ) -> Option<(usize, [f64; 2])> {
-        let R = self.posed.R_KA * self.posed.analysis.R_AW;
-        let (axis, origin) = (R * axis, R * origin);
+        let (axis, origin) = (self.posed.of_world(axis), Point3::from(self.posed.of_world(&origin.coords)));
         let mut best: Option<(usize, [f64; 2], f64)> = None;
         for (index, c) in options.parts[part].iter().enumerate() {
             let along = c.axis.dot(&axis);

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use sagci_model::TriangleMesh;
 
 use crate::analysis::Analysis;
-use crate::grid::{Cells, cell};
+use crate::grid::steps;
 
 /// A box at a pose in W.
 #[derive(Debug, Clone)]
@@ -109,12 +109,9 @@ fn add_box(mesh: &mut TriangleMesh, X: &Isometry3<f64>, half: &Vector3<f64>) {
 /// Adds bars of cells that hold points: runs along z, each a closed box a little smaller than its cells.
 fn bars(mesh: &mut TriangleMesh, points: &[Point3<f64>], spacing: f64, to_world: UnitQuaternion<f64>) {
     let size = (1.2 * spacing).clamp(0.006, 0.009);
-    let mut cells: Cells<()> = Cells::default();
-    for p in points {
-        cells.insert(cell(p, size), ());
-    }
-    let mut keys: Vec<[i32; 3]> = cells.into_keys().collect();
+    let mut keys: Vec<[i64; 3]> = points.iter().map(|p| steps(p, size)).collect();
     keys.sort_unstable();
+    keys.dedup();
     let mut k = 0;
     while k < keys.len() {
         let start = keys[k];
@@ -124,7 +121,7 @@ fn bars(mesh: &mut TriangleMesh, points: &[Point3<f64>], spacing: f64, to_world:
             end = keys[k];
         }
         k += 1;
-        let at = |c: i32| f64::from(c) * size;
+        let at = |c: i64| c as f64 * size;
         let low = Vector3::new(at(start[0]), at(start[1]), at(start[2]));
         let high = Vector3::new(at(start[0] + 1), at(start[1] + 1), at(end[2] + 1));
         let X = Isometry3::from_parts(Translation3::identity(), to_world) * Translation3::from((low + high) / 2.0);

@@ -2,8 +2,9 @@
 //! left.
 //!
 //! Region growing over point normals (Rabbani, van den Heuvel and Vosselman 2006). Two doors shut beside one another are one plane with a
-//! line in it where fewer points lie. Such lines are found as in page layouts: the recursive cut along the deepest valley of the
-//! projected density (XY cut; Nagy and Seth 1984).
+//! line in it where fewer points lie; a leaf set back a little in its frame is one within the noise of single points. Such lines are
+//! found as in page layouts: the recursive cut along the clearest valley of the projected density (XY cut; Nagy and Seth 1984), or the
+//! clearest step of the projected depth.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -31,6 +32,8 @@ pub(crate) struct Superpoint {
     pub(crate) high: Point3<f64>,
     /// How clear the gap is at its lower and upper end along the two other axes in turn: 1 where nothing goes on.
     pub(crate) sides: [f64; 4],
+    /// How much deeper along the normal's axis what goes on there is, m.
+    pub(crate) steps: [f64; 4],
 }
 
 /// How fine to look.
@@ -63,50 +66,97 @@ impl Superpoint {
             high[k] = c.get(c.len().saturating_sub(1 + cut)).copied().unwrap_or_default();
         }
         let axial = flat.then(|| (0..3).find(|k| normal[*k].abs() > 0.9945)).flatten();
-        Self { points, center: Point3::from(mean), normal, residual: value.sqrt(), flat, axial, low, high, sides: [1.0; 4] }
+        Self {
+            points,
+            center: Point3::from(mean),
+            normal,
+            residual: value.sqrt(),
+            flat,
+            axial,
+            low,
+            high,
+            sides: [1.0; 4],
+            steps: [0.0; 4],
+        }
     }
 }
 
-/// All superpoints of a cloud, largest first, and of each point the one that holds it.
-pub(crate) fn superpoints(cloud: &[Point3<f64>], local: &[Local], scale: Scale) -> (Vec<Superpoint>, Vec<Option<u32>>) {
-    let reach = 2.0 * scale.spacing;
-    let grid = Grid::new(cloud, reach);
-    let fewest = (cloud.len() / 800).max(10);
-    let mut taken = vec![false; cloud.len()];
-    let mut found: Vec<Superpoint> = Vec::new();
-    let mut order: Vec<usize> = (0..cloud.len()).filter(|i| local[*i].residual.is_finite()).collect();
-    order.sort_by(|a, b| local[*a].residual.total_cmp(&local[*b].residual));
-    let mut tried = vec![false; cloud.len()];
-    let mut mark = vec![u32::MAX; cloud.len()];
-    for seed in order {
-        if taken[seed] || tried[seed] || local[seed].residual > 4.0 * scale.noise.max(0.002) {
-            continue;
+/// The flat regions of a cloud and what is left, whatever the yaw.
+pub(crate) struct Regions {
+    flat: Vec<Vec<u32>>,
+    lumps: Vec<Vec<u32>>,
+}
+
+impl Regions {
+    /// Grown in W.
+    pub(crate) fn grown(cloud: &[Point3<f64>], local: &[Local], scale: Scale) -> Self {
+        let reach = 2.0 * scale.spacing;
+        let grid = Grid::new(cloud, reach);
+        let fewest = (cloud.len() / 800).max(10);
+        let mut taken = vec![false; cloud.len()];
+        let mut found: Vec<Superpoint> = Vec::new();
+        let mut order: Vec<usize> = (0..cloud.len()).filter(|i| local[*i].residual.is_finite()).collect();
+        order.sort_by(|a, b| local[*a].residual.total_cmp(&local[*b].residual));
+        let mut tried = vec![false; cloud.len()];
+        let mut mark = vec![u32::MAX; cloud.len()];
+        for seed in order {
+            if taken[seed] || tried[seed] || local[seed].residual > 4.0 * scale.noise.max(0.002) {
+                continue;
+            }
+            let tolerance = (3.0 * local[seed].residual).clamp(0.0045_f64.max(1.5 * scale.noise), 0.02_f64.max(3.0 * scale.noise));
+            let region = grow(seed, cloud, local, &grid, (&taken, &mut mark), reach, tolerance);
+            if region.len() < fewest {
+                region.iter().for_each(|i| tried[*i as usize] = true);
+                continue;
+            }
+            region.iter().for_each(|i| taken[*i as usize] = true);
+            found.push(Superpoint::of(region, cloud, true));
         }
-        let tolerance = (3.0 * local[seed].residual).clamp(0.0045_f64.max(1.5 * scale.noise), 0.02_f64.max(3.0 * scale.noise));
-        let region = grow(seed, cloud, local, &grid, (&taken, &mut mark), reach, tolerance);
-        if region.len() < fewest {
-            region.iter().for_each(|i| tried[*i as usize] = true);
-            continue;
+        adopt(cloud, &mut taken, &mut found, &grid, reach, scale);
+        let lumps = lumps(cloud, &taken, reach, fewest / 2 + 3);
+        Self { flat: found.into_iter().map(|s| s.points).collect(), lumps }
+    }
+
+    /// What may be handles: small things.
+    fn grips(&self, cloud: &[Point3<f64>], scale: Scale) -> Vec<Grip> {
+        let mut free = vec![true; cloud.len()];
+        let many = (cloud.len() / 40).max(60);
+        self.flat.iter().filter(|r| r.len() > many).flatten().for_each(|i| free[*i as usize] = false);
+        let left: Vec<Point3<f64>> = (0..cloud.len()).filter(|i| free[*i]).map(|i| cloud[i]).collect();
+        let (of, sizes) = crate::ground::components(&left, (2.5 * scale.spacing).max(0.02));
+        let mut grips: Vec<Grip> = sizes
+            .iter()
+            .map(|n| Grip { points: *n, low: Vector3::repeat(f64::INFINITY), high: Vector3::repeat(f64::NEG_INFINITY) })
+            .collect();
+        for (p, c) in left.iter().zip(of) {
+            let grip = &mut grips[c as usize];
+            grip.low = grip.low.inf(&p.coords);
+            grip.high = grip.high.sup(&p.coords);
         }
-        region.iter().for_each(|i| taken[*i as usize] = true);
-        found.push(Superpoint::of(region, cloud, true));
+        grips.retain(|g| g.points >= 5);
+        grips
     }
-    adopt(cloud, &mut taken, &mut found, &grid, reach, scale);
-    let mut pieces = Vec::new();
-    for s in found {
-        match s.axial {
-            Some(axis) => cut(s, axis, cloud, scale, 0, &mut pieces),
-            None => pieces.push(s),
+
+    /// All superpoints, largest first, and of each point the one that holds it. `cloud` in A.
+    pub(crate) fn superpoints(&self, cloud: &[Point3<f64>], scale: Scale) -> (Vec<Superpoint>, Vec<Option<u32>>) {
+        let mut pieces = Vec::new();
+        let grips = self.grips(cloud, scale);
+        for region in &self.flat {
+            let s = Superpoint::of(region.clone(), cloud, true);
+            match s.axial {
+                Some(axis) => cut(s, axis, cloud, &grips, scale, 0, &mut pieces),
+                None => pieces.push(s),
+            }
         }
+        pieces.extend(self.lumps.iter().map(|l| Superpoint::of(l.clone(), cloud, false)));
+        pieces.sort_by_key(|s| std::cmp::Reverse(s.points.len()));
+        pieces.truncate(MOST);
+        let mut of = vec![None; cloud.len()];
+        for (k, s) in pieces.iter().enumerate() {
+            s.points.iter().for_each(|i| of[*i as usize] = Some(k as u32));
+        }
+        (pieces, of)
     }
-    pieces.extend(lumps(cloud, &taken, reach, fewest / 2 + 3));
-    pieces.sort_by_key(|s| std::cmp::Reverse(s.points.len()));
-    pieces.truncate(MOST);
-    let mut of = vec![None; cloud.len()];
-    for (k, s) in pieces.iter().enumerate() {
-        s.points.iter().for_each(|i| of[*i as usize] = Some(k as u32));
-    }
-    (pieces, of)
 }
 
 /// All free points that are reached from a seed within its plane.
@@ -116,7 +166,7 @@ fn grow(
     seed: usize,
     cloud: &[Point3<f64>],
     local: &[Local],
-    grid: &Grid<'_>,
+    grid: &Grid,
     (taken, mark): (&[bool], &mut [u32]),
     reach: f64,
     tolerance: f64,
@@ -162,7 +212,7 @@ fn grow(
 }
 
 /// Gives free points that lie in a plane at its border, where normals are bent, to it.
-fn adopt(cloud: &[Point3<f64>], taken: &mut [bool], found: &mut [Superpoint], grid: &Grid<'_>, reach: f64, scale: Scale) {
+fn adopt(cloud: &[Point3<f64>], taken: &mut [bool], found: &mut [Superpoint], grid: &Grid, reach: f64, scale: Scale) {
     let mut of: Vec<Option<usize>> = vec![None; cloud.len()];
     for (k, s) in found.iter().enumerate() {
         s.points.iter().for_each(|i| of[*i as usize] = Some(k));
@@ -198,20 +248,38 @@ fn adopt(cloud: &[Point3<f64>], taken: &mut [bool], found: &mut [Superpoint], gr
     }
 }
 
-/// Cuts a flat piece along the deepest valley of its density, again and again.
-fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], scale: Scale, depth: usize, out: &mut Vec<Superpoint>) {
+/// A line across a piece along which it may be two: where it is amid the piece, how it leans, and what speaks for it.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    at: f64,
+    lean: f64,
+    middle: f64,
+    /// In standard deviations.
+    sure: f64,
+    /// Share of points that are missing there.
+    gap: f64,
+    /// How much deeper what lies above is, along the axis, m.
+    step: f64,
+}
+
+/// Cuts a flat piece along the line for which most speaks, again and again. Cuts in vain cost little: which pieces are one part is asked
+/// of the network, and it is told what spoke for each cut.
+fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], scale: Scale, depth: usize, out: &mut Vec<Superpoint>) {
     let along = [(axis + 1) % 3, (axis + 2) % 3];
-    let mut best: Option<(f64, usize, Line)> = None;
+    let mut best: Option<(usize, Line)> = None;
     if depth < 7 && piece.points.len() >= 80 {
         for (side, k) in along.into_iter().enumerate() {
-            if let Some((contrast, at)) = valley(&piece, k, along[1 - side], cloud, scale)
-                && best.is_none_or(|b| contrast > b.0)
+            if let Some(line) = line(&piece, k, along[1 - side], axis, cloud, scale, None)
+                && best.is_none_or(|b| line.sure > b.1.sure)
             {
-                best = Some((contrast, side, at));
+                best = Some((side, line));
             }
         }
+        if best.is_none() {
+            best = between_grips(&piece, axis, cloud, grips, scale);
+        }
     }
-    let Some((contrast, side, line)) = best else {
+    let Some((side, line)) = best else {
         out.push(piece);
         return;
     };
@@ -225,61 +293,172 @@ fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], scale: Scale, dept
         part.normal = piece.normal;
         part.axial = Some(axis);
         part.sides = piece.sides;
-        part.sides[2 * side + end] = contrast;
-        cut(part, axis, cloud, scale, depth + 1, out);
+        part.steps = piece.steps;
+        part.sides[2 * side + end] = line.gap;
+        // Seen from this side of the line.
+        part.steps[2 * side + end] = if end == 1 { line.step } else { -line.step };
+        cut(part, axis, cloud, grips, scale, depth + 1, out);
     }
 }
 
-/// The deepest valley of a piece's density along an axis: how deep, as a share, and where it runs.
-fn valley(piece: &Superpoint, k: usize, other: usize, cloud: &[Point3<f64>], scale: Scale) -> Option<(f64, Line)> {
-    let bin = (0.8 * scale.spacing).max(0.003);
-    let (low, high) = (piece.low[k], piece.high[k]);
-    let bins = ((high - low) / bin) as usize;
-    let border = ((0.04 / bin).ceil() as usize).max(3);
-    if bins < 2 * border + 3 {
+/// Fewest standard deviations by which points must be missing along a gap, and depth must differ across a step.
+const GAP: f64 = 3.6;
+const STEP: f64 = 8.0;
+/// The same for what becomes wider or narrower.
+const WIDTH: f64 = 8.0;
+
+/// A small thing: its corners.
+struct Grip {
+    points: usize,
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+}
+
+/// Where a piece has two handles one beside the other there are two panels, though no gap be seen: the line between them for which most
+/// speaks, however little that is.
+fn between_grips(piece: &Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], scale: Scale) -> Option<(usize, Line)> {
+    if axis == 2 {
         return None;
     }
-    let middle = (piece.low[other] + piece.high[other]) / 2.0;
-    let mut best: Option<(f64, Line)> = None;
-    // The arm knows its camera's pose to some tenths of a degree: a gap a metre long may lean by millimetres.
-    for lean in [0.0, -0.004, 0.004] {
-        let mut counts = vec![0.0_f64; bins + 1];
-        for i in &piece.points {
-            let p = cloud[*i as usize];
-            let c = (p[k] - low - lean * (p[other] - middle)) / bin;
-            if c >= 0.0 && c < bins as f64 {
-                counts[c as usize] += 1.0;
-            }
-        }
-        for b in border..bins - border {
-            // Against the ground on both sides, so that the edge of a window is no valley.
-            let side = |from: usize, to: usize| {
-                let mut window: Vec<f64> = counts[from..to].to_vec();
-                window.sort_by(f64::total_cmp);
-                window[window.len() / 2]
-            };
-            let width = border.max(4);
-            let ground = side(b.saturating_sub(width), b - 1).min(side(b + 2, (b + 2 + width).min(bins)));
-            let depth = (ground - counts[b]) / ground.max(1.0);
-            let sure = (ground - counts[b]) / ground.max(1.0).sqrt();
-            if sure > 3.0 && depth > 0.38 && best.is_none_or(|x| depth > x.0 + 0.02) {
-                best = Some((depth, Line { at: low + (b as f64 + 0.5) * bin, lean, middle }));
+    let along = [(axis + 1) % 3, (axis + 2) % 3];
+    let own: Vec<&Grip> = grips
+        .iter()
+        .filter(|g| {
+            let within = |k: usize| g.low[k] > piece.low[k] - 0.01 && g.high[k] < piece.high[k] + 0.01;
+            // It touches the panel, or nearly, and stands out of it.
+            let (near, far) = ((g.low[axis] - piece.center[axis]), (g.high[axis] - piece.center[axis]));
+            let out = near.abs().max(far.abs());
+            let gap = if near * far < 0.0 { 0.0 } else { near.abs().min(far.abs()) };
+            along.into_iter().all(within) && gap < 0.06 && out < 0.12 && out > (3.0 * scale.noise).max(0.01)
+        })
+        .collect();
+    let mut best: Option<(usize, Line)> = None;
+    for (side, k) in along.into_iter().enumerate() {
+        let other = along[1 - side];
+        for a in &own {
+            for b in &own {
+                let apart = b.low[k] - a.high[k];
+                // Beside one another across the line, in line along it.
+                let overlap = a.high[other].min(b.high[other]) - a.low[other].max(b.low[other]);
+                let shorter = (a.high[other] - a.low[other]).min(b.high[other] - b.low[other]);
+                let between = own.iter().any(|c| c.low[k] > a.high[k] && c.high[k] < b.low[k]);
+                if apart < 0.06 || overlap < -0.03 + 0.3 * shorter || between {
+                    continue;
+                }
+                let found = line(piece, k, other, axis, cloud, scale, Some((a.high[k], b.low[k])));
+                if let Some(found) = found
+                    && best.is_none_or(|x| found.sure > x.1.sure)
+                {
+                    best = Some((side, found));
+                }
             }
         }
     }
     best
 }
 
-/// A line across a piece: where it is amid the piece, and how it leans.
-#[derive(Debug, Clone, Copy)]
-struct Line {
-    at: f64,
-    lean: f64,
-    middle: f64,
+/// The line across an axis for which most speaks: that points are missing along it, against the ground on both sides; or that depth
+/// differs from one side of it to the other.
+///
+/// Within a range, if one is given: there is one then, and little has to speak for it.
+fn line(
+    piece: &Superpoint,
+    k: usize,
+    other: usize,
+    axis: usize,
+    cloud: &[Point3<f64>],
+    scale: Scale,
+    range: Option<(f64, f64)>,
+) -> Option<Line> {
+    let (least_gap, least) = if range.is_some() { (0.08, 1.2) } else { (0.2, GAP) };
+    // Bins a third as wide as what is looked at together, so that no gap falls between two.
+    const FINE: usize = 3;
+    let bin = (0.9 * scale.spacing).max(0.003) / FINE as f64;
+    let (low, high) = (piece.low[k], piece.high[k]);
+    let bins = ((high - low) / bin) as usize;
+    let border = ((0.035 / bin).ceil() as usize).max(4 * FINE);
+    if bins < 2 * border + FINE {
+        return None;
+    }
+    let middle = (piece.low[other] + piece.high[other]) / 2.0;
+    let window = border.max(5 * FINE);
+    let mut best: Option<Line> = None;
+    // The arm knows its camera's pose to some tenths of a degree: a gap a metre long may lean by millimetres.
+    for lean in [0.0, -0.004, 0.004] {
+        // Running sums of points and of depths.
+        let mut counts = vec![0.0_f64; bins + 1];
+        let mut depths = vec![0.0_f64; bins + 1];
+        for i in &piece.points {
+            let p = cloud[*i as usize];
+            let c = (p[k] - low - lean * (p[other] - middle)) / bin;
+            if c >= 0.0 && c < bins as f64 {
+                counts[c as usize + 1] += 1.0;
+                depths[c as usize + 1] += p[axis] - piece.center[axis];
+            }
+        }
+        for b in 0..bins {
+            counts[b + 1] += counts[b];
+            depths[b + 1] += depths[b];
+        }
+        let within = |sums: &[f64], from: usize, to: usize| sums[to.min(bins)] - sums[from.min(bins)];
+        let mut sample: Vec<f64> = Vec::new();
+        for b in border..bins - border - FINE {
+            let here = within(&counts, b, b + FINE);
+            // Against the ground on each side, so that the edge of a window is no gap; and against how uneven it is.
+            let mut side = |from: usize, to: usize| {
+                sample.clear();
+                let mut f = from;
+                while f + FINE <= to {
+                    sample.push(within(&counts, f, f + FINE));
+                    f += FINE;
+                }
+                sample.sort_by(f64::total_cmp);
+                let n = sample.len();
+                if n < 3 {
+                    return (0.0, 0.0);
+                }
+                let middle = sample[n / 2];
+                (middle, 0.5 * (sample[3 * n / 4] - sample[n / 4]))
+            };
+            let (below, above) = (side(b.saturating_sub(window), b - 1), side(b + FINE + 1, (b + FINE + 1 + window).min(bins)));
+            let ground = below.0.min(above.0);
+            let gap = (ground - here) / ground.max(1.0);
+            let uneven = 1.5 * if below.0 < above.0 { below.1 } else { above.1 };
+            let sure = (ground - here) / ground.max(1.0).sqrt().max(uneven);
+            let at = low + (b as f64 + 0.5 * FINE as f64) * bin;
+            if range.is_some_and(|r| at < r.0 || at > r.1) {
+                continue;
+            }
+            // Depth on both sides, a little away from the line.
+            let (m, n) = (within(&counts, b.saturating_sub(window), b), within(&counts, b + FINE, b + FINE + window));
+            let mut step = 0.0;
+            let mut steep = 0.0;
+            if m >= 12.0 && n >= 12.0 {
+                step = within(&depths, b + FINE, b + FINE + window) / n - within(&depths, b.saturating_sub(window), b) / m;
+                let deviation = piece.residual.max(scale.noise).max(0.001) * (1.0 / m + 1.0 / n).sqrt();
+                steep = step.abs() / deviation;
+            }
+            let told = if step.abs() > 0.0015 && steep > 4.0 { step } else { 0.0 };
+            if gap > least_gap && sure > least && best.is_none_or(|x| sure > x.sure + 0.1) {
+                best = Some(Line { at, lean, middle, sure, gap, step: told });
+            }
+            // Where the piece grows wider or narrower.
+            let (more, less) = (m.max(n), m.min(n));
+            let sure = (more - less) / (more + less).max(1.0).sqrt() / WIDTH * GAP;
+            if less < 0.55 * more && sure > GAP && best.is_none_or(|x| sure > x.sure + 0.1) {
+                best = Some(Line { at, lean, middle, sure, gap: gap.clamp(0.0, 1.0), step: told });
+            }
+            let sure = steep / STEP * GAP;
+            if step.abs() > 0.0025_f64.max(0.2 * scale.noise) && sure > least && best.is_none_or(|x| sure > x.sure + 0.1) {
+                best = Some(Line { at, lean, middle, sure, gap: gap.clamp(0.0, 1.0), step });
+            }
+        }
+    }
+    best
 }
 
 /// What is left, in lumps.
-fn lumps(cloud: &[Point3<f64>], taken: &[bool], reach: f64, fewest: usize) -> Vec<Superpoint> {
+fn lumps(cloud: &[Point3<f64>], taken: &[bool], reach: f64, fewest: usize) -> Vec<Vec<u32>> {
     let left: Vec<usize> = (0..cloud.len()).filter(|i| !taken[*i]).collect();
     let points: Vec<Point3<f64>> = left.iter().map(|i| cloud[*i]).collect();
     let (of, sizes) = crate::ground::components(&points, reach);
@@ -287,5 +466,6 @@ fn lumps(cloud: &[Point3<f64>], taken: &[bool], reach: f64, fewest: usize) -> Ve
     for (i, c) in left.iter().zip(of) {
         lumps[c as usize].push(*i as u32);
     }
-    lumps.into_iter().filter(|l| l.len() >= fewest).map(|l| Superpoint::of(l, cloud, false)).collect()
+    lumps.retain(|l| l.len() >= fewest);
+    lumps
 }

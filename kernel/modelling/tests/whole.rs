@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use sagci_furniture::{Category, Labelled, Look, Noise, Object, Random, families, look};
+use sagci_furniture::{Category, Labelled, Look, Noise, Object, Random, STILL, families, look};
 use sagci_modelling::{ModellingError, Perceived, Weights, perceive};
 
 fn weights() -> Weights {
@@ -183,4 +183,51 @@ fn a_ball_is_rigid() {
     let found = model(&points);
     assert!(found.report.rigid && found.report.joints.is_empty() && found.report.reason.is_some());
     assert_eq!(found.report.parts.len(), 1);
+}
+
+#[test]
+fn a_chair_is_rigid_more_often_than_not_and_says_why() {
+    // Chairs were never trained on. Pots and mugs are taken for furniture too often to be asked for here.
+    let chair = STILL.iter().find(|f| f.name == "chair").unwrap();
+    let mut rigid = 0;
+    let seeds = 0..12;
+    for seed in seeds.clone() {
+        let mut random = Random::new(seed, "still");
+        let object = chair.draw(&mut random);
+        let how = Look { views: 2, width: 280, points: 12_000, surroundings: false, noise: Noise::draw(&mut random) };
+        let found = model(&look(&object, &how, &mut random).points);
+        if found.report.rigid {
+            rigid += 1;
+            assert!(found.report.joints.is_empty() && found.report.parts.len() == 1 && found.report.reason.is_some());
+        }
+    }
+    assert!(rigid * 2 > seeds.count(), "{rigid} chairs are rigid");
+}
+
+#[test]
+fn five_million_points_are_thinned_and_told() {
+    let (_, cloud) = seen(Category::Box, 4);
+    let mut random = Random::new(4, "many");
+    let mut near = |p: &Point3<f64>| p + Vector3::new(random.normal(), random.normal(), random.normal()) * 5e-4;
+    let many: Vec<Point3<f64>> = cloud.points.iter().cycle().take(5_000_000).map(&mut near).collect();
+    let found = model(&many);
+    assert_eq!(found.part.len(), many.len());
+    assert!(found.report.notes.iter().any(|n| n.contains("5000000 points were thinned")), "{:?}", found.report.notes);
+}
+
+#[test]
+fn a_stored_model_stands_on_the_ground_with_its_front_along_minus_y() {
+    let (object, cloud) = seen(Category::Microwave, 2);
+    let found = model(&cloud.points);
+    // The front is x of the object's own frame.
+    let front = found.X_WO.inverse().rotation * (cloud.X_WF.rotation * Vector3::x());
+    assert!(front.dot(&-Vector3::y()) > 0.99, "{front}");
+    let (low, _) = object.bounds();
+    assert!((found.X_WO.translation.z - (cloud.X_WF.translation.z + low.z)).abs() < 0.05);
+    let (seen, stored) = (&found.model, found.standing());
+    let q: Vec<f64> = found.report.joints.iter().map(|j| j.state).collect();
+    for (a, b) in seen.X_OL(&q).iter().zip(stored.X_OL(&q)).skip(1) {
+        let off = found.X_WO * b * a.inverse();
+        assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9, "{off}");
+    }
 }

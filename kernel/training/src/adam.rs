@@ -33,7 +33,7 @@ impl Adam {
             let Some(w) = weights.get_mut(name) else { continue };
             let m = self.first.entry(name.clone()).or_insert_with(|| Matrix::zeros(g.nrows(), g.ncols()));
             let v = self.second.entry(name.clone()).or_insert_with(|| Matrix::zeros(g.nrows(), g.ncols()));
-            let decay = if name.ends_with(".weight") { 1e-2 } else { 0.0 };
+            let decay = if name.ends_with(".weight") { 5e-2 } else { 0.0 };
             for i in 0..g.len() {
                 let x = g[i] * clip;
                 m[i] = 0.9 * m[i] + 0.1 * x;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
-use sagci_modelling::{Side, analyse};
+use sagci_modelling::{Side, analyse, touching};
 
 /// The network's inputs for one side.
 pub struct Inputs {
@@ -27,6 +27,8 @@ pub struct JointTruth {
 
 /// One object, seen from its front and from a wrong side.
 pub struct Lesson {
+    /// What kind of object it is.
+    pub category: Category,
     /// From the front.
     pub front: Inputs,
     /// From another side.
@@ -56,8 +58,12 @@ pub fn class_number(class: Class) -> usize {
     }
 }
 
-/// The lesson of an index; `None` where the object cannot be analysed (too little of it was seen).
-pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
+/// The lessons of an index: an object and its mirror image. None where it cannot be analysed (too little of it was seen).
+pub fn lesson(seed: u64, index: u64, held_out: bool) -> Vec<Lesson> {
+    draw(seed, index, held_out).unwrap_or_default()
+}
+
+fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
     let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "lesson");
     // Storage furniture varies most, so it is drawn more often.
     let category = match random.index(9) {
@@ -75,8 +81,18 @@ pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
     let object = family.draw(&mut random);
     let how = Look::draw(&mut random);
     let cloud = look(&object, &how, &mut random);
-    let analysis = analyse(&cloud.points).ok()?;
+    let analyses = analyse(&cloud.points).ok()?;
+    let out = cloud.X_WF.rotation * Vector3::x();
+    let sides: Vec<Vec<Side<'_>>> = analyses.iter().map(|a| (0..4).map(|q| Side::new(a, q)).collect()).collect();
+    // The analysis and the side whose front is nearest the true one.
+    let along = |a: usize, q: usize| sides[a][q].front().dot(&out);
+    let all = || (0..analyses.len()).flat_map(|a| (0..4).map(move |q| (a, q)));
+    let (right, best) = all().max_by(|x, y| along(x.0, x.1).total_cmp(&along(y.0, y.1)))?;
+    let analysis = &analyses[right];
     let n = analysis.pieces();
+    if analyses.iter().any(|a| a.pieces() == 0) {
+        return None;
+    }
     let mut votes: Vec<BTreeMap<i32, f64>> = vec![BTreeMap::new(); n];
     for (part, piece) in cloud.part.iter().zip(analysis.piece_of_input()) {
         if let Some(piece) = piece {
@@ -93,16 +109,14 @@ pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
         let pure = best.1 / sum.max(1.0);
         weight.push((pure * pure * (sum / total * 20.0).sqrt().clamp(0.15, 2.0)) as f32);
     }
-    let class = part.iter().map(|p| class_number(object.parts[*p as usize].class)).collect();
-    let out = cloud.X_WF.rotation * Vector3::x();
-    let sides: Vec<Side<'_>> = (0..4).map(|q| Side::new(&analysis, q)).collect();
-    let best = (0..4).max_by(|a, b| sides[*a].front().dot(&out).total_cmp(&sides[*b].front().dot(&out)))?;
-    let front = &sides[best];
-    let inputs = |s: &Side<'_>| {
-        let f = s.features();
-        Inputs { pieces: f.pieces, points: f.points, pairs: f.pairs }
+    let class: Vec<usize> = part.iter().map(|p| class_number(object.parts[*p as usize].class)).collect();
+    // A wrong side: of another yaw, where there is one, as often as of this one.
+    let wrong = match analyses.len() > 1 && random.chance(0.5) {
+        true => ((right + 1 + random.index(analyses.len() - 1)) % analyses.len(), random.index(4)),
+        false => (right, (best + 1 + random.index(3)) % 4),
     };
-    let other = inputs(&sides[(best + 1 + random.index(3)) % 4]);
+    let near = touching(analysis);
+    let near_wrong = if wrong.0 == right { near.clone() } else { touching(&analyses[wrong.0]) };
     let mut parts = Vec::new();
     let mut truth = Vec::new();
     for joint in &object.joints {
@@ -114,18 +128,32 @@ pub fn lesson(seed: u64, index: u64, held_out: bool) -> Option<Lesson> {
         parts.push(own);
         truth.push(joint);
     }
-    let options = front.options(&parts);
-    let mut kept = Vec::new();
-    let mut joints = Vec::new();
-    for (k, joint) in truth.iter().enumerate() {
-        let (axis, origin) = cloud.joint(joint);
-        let slides = joint.kind == Kind::Prismatic;
-        if let Some((candidate, residual)) = front.target(&options, k, slides, &axis, &origin) {
-            kept.push(parts[k].clone());
-            let residual = (!slides).then(|| residual.map(|x| x.clamp(-2.0, 2.0) as f32));
-            joints.push(JointTruth { candidate, residual });
+    let inputs = |s: &Side<'_>, touching: &[f64]| {
+        let f = s.features(touching);
+        Inputs { pieces: f.pieces, points: f.points, pairs: f.pairs }
+    };
+    let side = |at: (usize, usize), mirror: bool| {
+        let side = Side::new(&analyses[at.0], at.1);
+        if mirror { side.mirrored() } else { side }
+    };
+    let taught = |mirror: bool| {
+        let front = side((right, best), mirror);
+        let options = front.options(&parts);
+        let mut kept = Vec::new();
+        let mut joints = Vec::new();
+        for (k, joint) in truth.iter().enumerate() {
+            let (axis, origin) = cloud.joint(joint);
+            let slides = joint.kind == Kind::Prismatic;
+            if let Some((candidate, residual)) = front.target(&options, k, slides, &axis, &origin) {
+                kept.push(parts[k].clone());
+                let residual = (!slides).then(|| residual.map(|x| x.clamp(-2.5, 2.5) as f32));
+                joints.push(JointTruth { candidate, residual });
+            }
         }
-    }
-    let candidates = front.options(&kept).rows();
-    Some(Lesson { front: inputs(front), other, class, part, weight, parts: kept, candidates, joints })
+        let candidates = front.options(&kept).rows();
+        let other = inputs(&side(wrong, mirror), &near_wrong);
+        let (class, part, weight) = (class.clone(), part.clone(), weight.clone());
+        Lesson { category: object.category, front: inputs(&front, &near), other, class, part, weight, parts: kept, candidates, joints }
+    };
+    Some(vec![taught(false), taught(true)])
 }

@@ -57,20 +57,26 @@ pub enum TrainingError {
 
 /// Draws lessons, several at a time, in order. `held_out` draws from the families that are kept out of training.
 pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
-    (0..count).into_par_iter().filter_map(|i| lesson(seed, i, held_out)).collect()
+    (0..count).into_par_iter().flat_map_iter(|i| lesson(seed, i, held_out)).collect()
 }
 
-/// Trains on lessons; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
+/// Trains on lessons, from other weights if some are given; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
 ///
 /// Errors: no lesson at all.
 pub fn train(
     settings: &Settings,
+    from: Option<&Weights>,
     lessons: &[Lesson],
     checked: &[Lesson],
     log: &mut dyn FnMut(&str, &Weights),
 ) -> Result<Weights, TrainingError> {
     let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
-    let mut weights = loss::first_weights(settings.seed, first)?;
+    let mut weights = match from {
+        Some(from) => from.matrices.clone(),
+        None => loss::first_weights(settings.seed, first)?,
+    };
+    // What made the weights that it went on from, as they say it themselves.
+    let before: Option<serde_json::Value> = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?;
     let batch = settings.batch.max(1);
     let steps = settings.epochs * lessons.len().div_ceil(batch);
     let mut adam = adam::Adam::new(steps, settings.rate);
@@ -86,7 +92,7 @@ pub fn train(
                 .par_iter()
                 .map(|i| {
                     let mut g = BTreeMap::new();
-                    learn(&weights, &lessons[*i], Some(&mut g)).map(|s| (s, g))
+                    learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
                 })
                 .collect();
             // Summed in the order of the batch, so that the number of threads does not change a bit.
@@ -107,11 +113,15 @@ pub fn train(
         }
         let mut line = format!("epoch {:3}  {}", epoch + 1, total.line());
         if (epoch + 1) % 4 == 0 || epoch + 1 == settings.epochs {
-            line += &format!("\n     held out  {}", judge(&weights, checked)?.line());
+            line += &format!("\n        fresh  {}", judge(&weights, checked)?.line());
         }
         lines.push(line.clone());
         made.matrices.clone_from(&weights);
-        made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "log": lines }))?;
+        let mut note = serde_json::json!({ "settings": settings, "log": lines });
+        if let (Some(before), Some(note)) = (&before, note.as_object_mut()) {
+            note.insert("from".to_owned(), before.clone());
+        }
+        made.made_by = serde_json::to_string(&note)?;
         log(&line, &made);
     }
     Ok(made)
@@ -121,7 +131,7 @@ pub fn train(
 ///
 /// Errors: weights that do not fit the network.
 pub fn judge(weights: &BTreeMap<String, Matrix>, lessons: &[Lesson]) -> Result<Score, ModellingError> {
-    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, None)).collect();
+    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, true, None)).collect();
     let mut total = Score::default();
     scores?.iter().for_each(|s| total.add(s));
     Ok(total)

@@ -8,6 +8,9 @@ use sagci_modelling::{CANDIDATES, ModellingError};
 use crate::lesson::{Inputs, Lesson};
 use crate::tape::{Tape, Value};
 
+/// In one lesson of so many the wrong side is looked at.
+pub const WRONG_EVERY: usize = 3;
+
 /// Losses and right answers, summed over lessons.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize)]
 pub struct Score {
@@ -67,12 +70,13 @@ fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Loss of one lesson; its gradients are added.
+/// Loss of one lesson; its gradients are added. The wrong side is looked at only if asked for: it is half the work, and one answer.
 ///
 /// Errors: weights that do not fit the network.
 pub fn learn(
     weights: &BTreeMap<String, Matrix>,
     lesson: &Lesson,
+    wrong_side: bool,
     gradients: Option<&mut BTreeMap<String, Matrix>>,
 ) -> Result<Score, ModellingError> {
     let n = lesson.class.len();
@@ -87,8 +91,11 @@ pub fn learn(
         true => None,
         false => Some(network.joints(&front, n, &lesson.parts, lesson.candidates.clone())?),
     };
-    let other = trunk(&mut network, &lesson.other)?;
-    let no = network.front(&other, n)?;
+    let mut fronts = vec![(yes, 1.0)];
+    if wrong_side {
+        let other = trunk(&mut network, &lesson.other)?;
+        fronts.push((network.front(&other, lesson.other.pieces.nrows())?, 0.0));
+    }
     let mut score = Score { lessons: 1.0, ..Score::default() };
     let mut seeds: Vec<(Value, Matrix)> = Vec::new();
 
@@ -107,13 +114,15 @@ pub fn learn(
     }
     seeds.push((classes, d));
 
-    for (at, t) in [(yes, 1.0), (no, 0.0)] {
+    for (at, t) in fronts {
+        // Right and wrong sides weigh alike, however seldom these are looked at.
+        let weight = if t > 0.5 { 0.5 } else { 0.5 * WRONG_EVERY as f32 };
         let x = tape.value(at)[0];
         let p = sigmoid(x);
-        score.loss -= 0.5 * f64::from((if t > 0.5 { p } else { 1.0 - p }).max(1e-9).ln());
+        score.loss -= f64::from(weight * (if t > 0.5 { p } else { 1.0 - p }).max(1e-9).ln());
         score.front[0] += f64::from(u8::from((p > 0.5) == (t > 0.5)));
         score.front[1] += 1.0;
-        seeds.push((at, Matrix::from_element(1, 1, 0.5 * (p - t))));
+        seeds.push((at, Matrix::from_element(1, 1, weight * (p - t))));
     }
 
     if let Some(same) = same {

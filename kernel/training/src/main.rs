@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
+use sagci_modelling::Weights;
 use sagci_training::{Settings, lessons, train};
 
 /// Trains the networks that read object models off point clouds. Left as they are, the settings are those of the weights that ship.
@@ -15,10 +16,10 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Objects that are learned from.
-    #[arg(long, default_value_t = 2000)]
+    #[arg(long, default_value_t = 3500)]
     objects: u64,
     /// How often each is seen.
-    #[arg(long, default_value_t = 12)]
+    #[arg(long, default_value_t = 8)]
     epochs: usize,
     /// Objects a step.
     #[arg(long, default_value_t = 16)]
@@ -29,10 +30,16 @@ struct Arguments {
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
+    /// Weights to go on from.
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
     /// The file to write.
     #[arg(long)]
     out: PathBuf,
 }
+
+/// What is added to the seed of the objects that are learned from, for those that are not.
+const FRESH: u64 = 1_000;
 
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
@@ -47,11 +54,13 @@ fn main() -> ExitCode {
 fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     rayon::ThreadPoolBuilder::new().num_threads(a.threads).build_global()?;
     let settings = Settings { seed: a.seed, objects: a.objects, epochs: a.epochs, batch: a.batch, rate: a.rate };
+    let from = a.from.as_deref().map(Weights::read).transpose()?;
     let start = Instant::now();
     let taught = lessons(a.seed, a.objects, false);
-    let checked = lessons(a.seed, 150, true);
+    // Others of the same families: the held-out ones are for the evaluation alone.
+    let checked = lessons(a.seed.wrapping_add(FRESH), 60, false);
     eprintln!("{} objects drawn and analysed in {:.0} s", taught.len(), start.elapsed().as_secs_f64());
-    let weights = train(&settings, &taught, &checked, &mut |line, so_far| {
+    let weights = train(&settings, from.as_ref(), &taught, &checked, &mut |line, so_far| {
         eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
         // What was learned so far is kept, should the run be cut off.
         if let Err(e) = so_far.to_bytes().map_err(|e| e.to_string()).and_then(|b| std::fs::write(&a.out, b).map_err(|e| e.to_string())) {

@@ -11,9 +11,9 @@ const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4,
 #[test]
 fn the_loss_falls_and_the_run_repeats_to_the_bit() {
     let taught = lessons(SETTINGS.seed, SETTINGS.objects, false);
-    let run = || train(&SETTINGS, &taught, &[], &mut |_, _| {}).unwrap();
+    let run = || train(&SETTINGS, None, &taught, &[], &mut |_, _| {}).unwrap();
     let first = run();
-    let untrained = train(&Settings { epochs: 1, rate: 0.0, ..SETTINGS }, &taught, &[], &mut |_, _| {}).unwrap();
+    let untrained = train(&Settings { epochs: 1, rate: 0.0, ..SETTINGS }, None, &taught, &[], &mut |_, _| {}).unwrap();
     let loss = |w: &BTreeMap<String, Matrix>| judge(w, &taught).unwrap().loss / taught.len() as f64;
     let (before, after) = (loss(&untrained.matrices), loss(&first.matrices));
     assert!(after < 0.8 * before, "{before} to {after}");
@@ -24,9 +24,9 @@ fn the_loss_falls_and_the_run_repeats_to_the_bit() {
 fn gradients_agree_with_central_differences() {
     let taught = lessons(9, 3, false);
     let lesson = taught.iter().find(|l| !l.joints.is_empty()).unwrap();
-    let mut weights = train(&Settings { epochs: 2, ..SETTINGS }, &taught, &[], &mut |_, _| {}).unwrap().matrices;
+    let mut weights = train(&Settings { epochs: 2, ..SETTINGS }, None, &taught, &[], &mut |_, _| {}).unwrap().matrices;
     let mut gradients = BTreeMap::new();
-    learn(&weights, lesson, Some(&mut gradients)).unwrap();
+    learn(&weights, lesson, true, Some(&mut gradients)).unwrap();
     let mut agree = 0;
     for name in gradients.keys().cloned().collect::<Vec<_>>() {
         // The largest entry: single precision leaves little of small ones.
@@ -36,7 +36,7 @@ fn gradients_agree_with_central_differences() {
         let h = 2e-3 * (1.0 + value.abs());
         let mut loss = |x: f32| {
             weights.get_mut(&name).unwrap()[at] = x;
-            learn(&weights, lesson, None).unwrap().loss
+            learn(&weights, lesson, true, None).unwrap().loss
         };
         let difference = (loss(value + h) - loss(value - h)) / f64::from(2.0 * h);
         loss(value);

@@ -16,10 +16,21 @@ pub fn evaluate(command: &Evaluate) -> Result<bool, CliError> {
 }
 
 fn perception(command: &Evaluate) -> Result<bool, CliError> {
-    let Evaluate::Perception { seed, objects, only, trained, weights, each, format } = command else { return Ok(false) };
+    let Evaluate::Perception { seed, objects, only, trained, weights, beside, places, each, format } = command else { return Ok(false) };
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
     let weights = weights_of(weights.as_deref())?;
-    let options = evaluation::PerceptionOptions { seed: *seed, objects: *objects, only: only.clone(), trained: *trained };
+    let mut makers = Vec::new();
+    if only.is_empty() && !trained {
+        // What the library holds that moves and is no robot.
+        let library = place::library(places, None).ok();
+        let names = library.as_ref().and_then(|l| l.names().ok()).unwrap_or_default();
+        let stored = names.iter().filter_map(|name| library.as_ref()?.get(name).ok()).map(|s| s.model.as_ref().clone());
+        makers.extend(stored.filter(|m| m.document.robot.is_none()));
+        for folder in beside {
+            makers.push(sagci_model::ObjectModel::read(folder).map_err(|e| other(&e))?);
+        }
+    }
+    let options = evaluation::PerceptionOptions { seed: *seed, objects: *objects, only: only.clone(), trained: *trained, makers };
     // Joints name their links; links their parts.
     let model = |cloud: &[nalgebra::Point3<f64>]| {
         let found = sagci_modelling::perceive(cloud, "object", &weights).map_err(|e| e.to_string())?;

@@ -117,8 +117,9 @@ pub fn perceive(arguments: &Perceive) -> Result<bool, CliError> {
         found.write(folder, &input, &json).map_err(wrong)?;
     }
     if let Some(library) = library {
+        // What is stored stands where the library's objects stand; the evidence says where it was seen.
         let evidence = [sagci_library::Evidence { name: "perception.json".into(), bytes: json.clone().into_bytes() }];
-        let version = library.publish_model(&name, &found.model, &evidence).map_err(wrong)?;
+        let version = library.publish_model(&name, &found.standing(), &evidence).map_err(wrong)?;
         eprintln!("saved as version {version} of {name}");
     }
     match arguments.format {

@@ -77,6 +77,8 @@ pub struct PerceptionTable {
     pub seconds: [f64; 2],
     /// By category, the mean of these, by joint state.
     pub rows: Vec<PerceptionRow>,
+    /// Objects of other makers, one row a model. They count in no other row.
+    pub makers: Vec<PerceptionRow>,
 }
 
 fn mean(x: &[f64]) -> f64 {
@@ -183,7 +185,7 @@ fn overall(rows: &[PerceptionRow]) -> PerceptionRow {
     }
 }
 
-pub(crate) fn table(options: &PerceptionOptions, scored: &[Scored]) -> PerceptionTable {
+pub(crate) fn table(options: &PerceptionOptions, scored: &[Scored], makers: &[(String, Vec<Scored>)]) -> PerceptionTable {
     let mut rows = Vec::new();
     for category in Category::ALL {
         let of: Vec<&Scored> = scored.iter().filter(|s| s.category == category).collect();
@@ -198,6 +200,11 @@ pub(crate) fn table(options: &PerceptionOptions, scored: &[Scored]) -> Perceptio
     for (name, opening) in [("shut", Opening::Shut), ("ajar", Opening::Ajar), ("open", Opening::Open)] {
         rows.push(row(name, &all, &|p| p.opening == opening, false));
     }
+    let made = |(name, scored): &(String, Vec<Scored>)| {
+        // The paper measured other objects under these names.
+        PerceptionRow { paper: None, ..row(name, &scored.iter().collect::<Vec<_>>(), &|_| true, true) }
+    };
+    let makers = makers.iter().map(made).collect();
     let times: Vec<f64> = scored.iter().map(|s| s.seconds).collect();
     PerceptionTable {
         schema: 1,
@@ -206,6 +213,50 @@ pub(crate) fn table(options: &PerceptionOptions, scored: &[Scored]) -> Perceptio
         failed: scored.iter().filter(|s| s.failed).count(),
         seconds: [median(&times), times.iter().copied().fold(0.0, f64::max)],
         rows,
+        makers,
+    }
+}
+
+fn number(x: f64, width: usize, digits: usize) -> String {
+    match x.is_finite() {
+        true => format!("{x:width$.digits$}"),
+        false => format!("{:>width$}", "-"),
+    }
+}
+
+fn line(text: &mut String, r: &PerceptionRow) {
+    let _ = writeln!(
+        text,
+        "{:14} {:7} {:5} {} {} {} {} {} {} {} ({}) {} ({}) {} ({}) {} {} {}",
+        r.name,
+        r.clouds,
+        r.parts,
+        number(r.miou, 6, 3),
+        number(r.ap50, 6, 3),
+        number(r.ap75, 6, 3),
+        number(r.map, 6, 3),
+        number(r.ap75_moving, 7, 3),
+        number(r.type_accuracy, 6, 3),
+        number(r.axis_mean, 8, 2),
+        number(r.axis_median, 4, 2),
+        number(r.line_mean, 7, 2),
+        number(r.line_median, 4, 2),
+        number(r.place_mean, 8, 2),
+        number(r.place_median, 4, 2),
+        number(r.place_percent, 6, 2),
+        number(r.end_to_end, 6, 3),
+        number(r.false_joints, 6, 2),
+    );
+    if let Some([ap75, kind, axis, place]) = r.paper {
+        let _ = writeln!(
+            text,
+            "  paper, init                             {} {:>14} {} {} {:>33}",
+            number(ap75, 6, 3),
+            "",
+            number(kind, 6, 3),
+            number(axis, 8, 2),
+            number(place, 8, 2)
+        );
     }
 }
 
@@ -215,44 +266,10 @@ impl PerceptionTable {
         let mut text = String::from(
             "                clouds parts   mIoU   AP50   AP75    mAP AP75mov   type  axis deg (med)  line cm (med)  place cm (med)  % diag  whole  false\n",
         );
-        let number = |x: f64, width: usize, digits: usize| match x.is_finite() {
-            true => format!("{x:width$.digits$}"),
-            false => format!("{:>width$}", "-"),
-        };
-        for r in &self.rows {
-            let _ = writeln!(
-                text,
-                "{:14} {:7} {:5} {} {} {} {} {} {} {} ({}) {} ({}) {} ({}) {} {} {}",
-                r.name,
-                r.clouds,
-                r.parts,
-                number(r.miou, 6, 3),
-                number(r.ap50, 6, 3),
-                number(r.ap75, 6, 3),
-                number(r.map, 6, 3),
-                number(r.ap75_moving, 7, 3),
-                number(r.type_accuracy, 6, 3),
-                number(r.axis_mean, 8, 2),
-                number(r.axis_median, 4, 2),
-                number(r.line_mean, 7, 2),
-                number(r.line_median, 4, 2),
-                number(r.place_mean, 8, 2),
-                number(r.place_median, 4, 2),
-                number(r.place_percent, 6, 2),
-                number(r.end_to_end, 6, 3),
-                number(r.false_joints, 6, 2),
-            );
-            if let Some([ap75, kind, axis, place]) = r.paper {
-                let _ = writeln!(
-                    text,
-                    "  paper, init                             {} {:>14} {} {} {:>33}",
-                    number(ap75, 6, 3),
-                    "",
-                    number(kind, 6, 3),
-                    number(axis, 8, 2),
-                    number(place, 8, 2)
-                );
-            }
+        self.rows.iter().for_each(|r| line(&mut text, r));
+        if !self.makers.is_empty() {
+            text += "objects of other makers, none of them trained on:\n";
+            self.makers.iter().for_each(|r| line(&mut text, r));
         }
         let _ = writeln!(
             text,

@@ -7,11 +7,13 @@
 //! is the mean of the six categories, as in the paper.
 
 mod figures;
+mod maker;
 mod score;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use sagci_furniture::{Category, Labelled, Look, Object, Random, families, look};
+use sagci_model::ObjectModel;
 
 pub use figures::{PerceptionRow, PerceptionTable};
 pub use score::{AnsweredJoint, CloudAnswer};
@@ -27,6 +29,8 @@ pub struct PerceptionOptions {
     pub only: String,
     /// Of the families that training saw, instead of the held-out ones.
     pub trained: bool,
+    /// Models of other makers, to be seen by the same camera.
+    pub makers: Vec<ObjectModel>,
 }
 
 /// One cloud to be modelled, with its truth.
@@ -66,19 +70,22 @@ pub fn judge_perception(
         .filter(|c| c.name().starts_with(&options.only))
         .flat_map(|c| (0..options.objects).map(move |n| (c, n)))
         .collect();
-    let scored: Vec<score::Scored> = asked
-        .into_par_iter()
-        .map(|(category, number)| {
-            let case = case(options, category, number);
-            let start = std::time::Instant::now();
-            let answer = model(&case.cloud.points);
-            let seconds = start.elapsed().as_secs_f64();
-            let scored = score::score(&case, answer, seconds);
-            told(&scored.line);
-            scored
-        })
+    let answered = |case: Case| {
+        let start = std::time::Instant::now();
+        let answer = model(&case.cloud.points);
+        let seconds = start.elapsed().as_secs_f64();
+        let scored = score::score(&case, answer, seconds);
+        told(&scored.line);
+        scored
+    };
+    let scored: Vec<score::Scored> = asked.into_par_iter().map(|(category, number)| answered(case(options, category, number))).collect();
+    let makers: Vec<(String, Vec<score::Scored>)> = options
+        .makers
+        .iter()
+        .filter_map(|m| maker::Made::new(m).map(|made| (m.name.clone(), made)))
+        .map(|(name, made)| (name, (0..options.objects).into_par_iter().map(|n| answered(made.case(options.seed, n))).collect()))
         .collect();
-    figures::table(options, &scored)
+    figures::table(options, &scored, &makers)
 }
 
 /// Angle between two lines, rad.

@@ -6,7 +6,7 @@ use sagci_furniture::{Category, Kind};
 use super::score::score;
 use super::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, case, figures};
 
-const OPTIONS: PerceptionOptions = PerceptionOptions { seed: 4, objects: 2, only: String::new(), trained: false };
+const OPTIONS: PerceptionOptions = PerceptionOptions { seed: 4, objects: 2, only: String::new(), trained: false, makers: Vec::new() };
 
 /// The truth as an answer.
 fn truth(case: &Case) -> CloudAnswer {
@@ -28,7 +28,7 @@ fn the_truth_scores_full_marks() {
         .flat_map(|c| (0..2).map(move |n| case(&OPTIONS, c, n)))
         .map(|case| score(&case, Ok(truth(&case)), 0.0))
         .collect();
-    let table = figures::table(&OPTIONS, &scored);
+    let table = figures::table(&OPTIONS, &scored, &[]);
     let overall = table.rows.iter().find(|r| r.name == "overall").unwrap();
     for share in [overall.miou, overall.ap50, overall.ap75, overall.map, overall.type_accuracy, overall.end_to_end] {
         assert!((share - 1.0).abs() < 1e-9, "{overall:?}");
