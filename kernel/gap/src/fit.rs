@@ -183,6 +183,8 @@ const TRUST: f64 = 0.25;
 const TRIES: usize = 6;
 /// How many times more than its last step a fit may still gain.
 const HOPE: f64 = 5.0;
+/// Share of a cost beyond noise that is no progress.
+const TRIFLE: f64 = 2e-4;
 /// Most rows over which errors go on.
 const LAGS: usize = 200;
 /// Fall of the cost beyond which derivatives are not those at the end.
@@ -256,6 +258,9 @@ impl Fit {
     pub fn improve(mut self, problem: &Problem<'_>, scale: f64, effort: Effort, begin: Derivatives<'_>) -> Result<Self, GapError> {
         let mut damping = 1e-3;
         let mut kept = begin.kept;
+        // Errors that are larger than noise makes them say less, and what is left for other effects to explain need not be small to the last.
+        let (cost, noise) = (0.5 * self.squares / (scale * scale), 0.5 * problem.measured() as f64);
+        let enough = effort.enough * (cost / noise).max(1.0) + TRIFLE * (cost - noise).max(0.0);
         for _ in 0..effort.rounds {
             let fresh = !kept;
             if fresh {
@@ -263,7 +268,7 @@ impl Fit {
             }
             let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
             kept = fall > TRUST * foretold;
-            if fall < effort.enough && (fresh || kept || foretold.abs() < effort.enough) {
+            if fall < enough && (fresh || kept || foretold.abs() < enough) {
                 break;
             }
             if self.evidence(self.judged, scale) + HOPE * fall.max(foretold) < effort.bar - HOPE {
@@ -284,7 +289,7 @@ impl Fit {
     }
 
     /// One step, damped until it leads down: by how much, and by how much it should have. With derivatives that are not fresh one try is
-    /// enough to see that they are at fault.
+    /// enough to see that they are at fault, and not the step.
     fn step(&mut self, problem: &Problem<'_>, scale: f64, damping: &mut f64, fresh: bool) -> (f64, f64) {
         let cost = |squares: f64, hypothesis: &Hypothesis, x: &[f64]| 0.5 * squares / (scale * scale) + hypothesis.prior(x);
         let before = cost(self.squares, &self.hypothesis, &self.hypothesis.x);
@@ -309,7 +314,9 @@ impl Fit {
                 self.since += fall;
                 return (fall, foretold);
             }
-            *damping = (*damping * 10.0).max(1e-3);
+            if fresh {
+                *damping = (*damping * 10.0).max(1e-3);
+            }
         }
         (0.0, foretold)
     }

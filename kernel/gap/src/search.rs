@@ -54,6 +54,9 @@ const FINALISTS: usize = 6;
 /// Joints on each of which everything is tried, and the share of the evidence of the best force on any that is asked of one on others.
 const FEW: usize = 2;
 const PUSHED: f64 = 0.1;
+/// How often derivatives of the known numbers are taken in the linear response, and the share of the errors' squares that is no progress.
+const ROUNDS: usize = 6;
+const TRIFLE: f64 = 1e-3;
 /// Steps of a first fit in the simulator.
 pub(crate) const QUICK: usize = 5;
 /// Starts of one effect that are fitted in the simulator.
@@ -121,7 +124,16 @@ impl<'a> Search<'a> {
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
         let column = |f: &Fitted| fit.hypothesis.fitted.iter().position(|all| all.knob == f.knob).map(|i| fit.jacobian[i].clone());
         let jacobian = hypothesis.fitted.iter().filter_map(column).collect();
-        self.fit_on(Fit { hypothesis, jacobian, ..fit }, scale)
+        let mut fit = Fit { hypothesis, jacobian, ..fit };
+        for _ in 0..ROUNDS {
+            let (before, all) = (fit.squares, fit.jacobian.clone());
+            fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), Derivatives { kept: false, frozen: Some(&all) })?;
+            if before - fit.squares < TRIFLE * before {
+                break;
+            }
+            fit.jacobian = self.derivatives(&fit)?;
+        }
+        if self.names.len() > FEW { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) }
     }
 
     /// A fit as it is compared with others.
