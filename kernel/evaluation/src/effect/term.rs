@@ -1,6 +1,6 @@
 //! Forces at a joint. `dtau` resists: it is subtracted. Dry friction is a bound for each direction, so that a joint can stick.
 //!
-//! Most terms are the catalogue's; those of [`super::outside`] are not, on purpose.
+//! Most terms are the catalogue's; those of [`super::OUTSIDE`] are not, on purpose.
 
 /// Where a joint is.
 #[derive(Debug, Clone, Copy)]
