@@ -137,7 +137,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             break;
         }
         let explained = search.explained(&current, &best.fit);
-        current = search.settle(&best.fit, scale)?;
+        current = search.settle(&best.fit, scale);
         chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
     }
 
@@ -166,7 +166,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             let name = chosen[at].best.effect;
             let Some(best) = candidates.first() else { break };
             if best.effect != name && best.evidence > with + 1.0 {
-                current = search.settle(&best.fit, scale)?;
+                current = search.settle(&best.fit, scale);
                 let explained = search.explained(&less, &current);
                 let choice = Choice::new(&candidates, without, chosen[at].nameless, explained, scale);
                 chosen.remove(at);

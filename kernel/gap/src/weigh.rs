@@ -51,9 +51,10 @@ impl Search<'_> {
         Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
     }
 
-    /// Fits all numbers of a fit that had frozen derivatives.
-    pub fn settle(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        Ok(self.judge(fit.clone().finish(&self.problem, scale, Derivatives::FRESH, f64::NEG_INFINITY)?))
+    /// Fits all numbers of a fit that had frozen derivatives. Where the simulator fails beside it, the fit stands as it was found.
+    pub fn settle(&self, fit: &Fit, scale: f64) -> Fit {
+        let settled = fit.clone().finish(&self.problem, scale, Derivatives::FRESH, f64::NEG_INFINITY);
+        settled.map_or_else(|_| fit.clone(), |fit| self.judge(fit))
     }
 
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
