@@ -21,7 +21,6 @@ use sagci_model::JointKind;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
-use crate::flexible;
 use crate::gaps::Measure;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::remainder;
@@ -156,10 +155,8 @@ pub(crate) fn sparse_regression(search: &Search<'_>, refitted: &Fit, scale: f64)
 
 /// Joints that lack a force most.
 fn worst(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<usize>, GapError> {
-    let runs = search.runs(fit)?;
-    let typical = search.typical_force();
-    let evidence = |j: usize| Some(flexible::nameless(&Response::new(search, fit, &runs, j, scale), scale, typical[j])?.evidence);
-    let mut found: Vec<(f64, usize)> = (0..search.names.len()).filter_map(|j| Some((evidence(j)?, j))).collect();
+    let each = search.nameless_by_joint(fit, scale)?.into_iter().enumerate();
+    let mut found: Vec<(f64, usize)> = each.filter_map(|(j, n)| Some((n?.evidence, j))).collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     Ok(found.into_iter().take(MOST).map(|(_, j)| j).collect())
 }
@@ -179,7 +176,7 @@ fn regress(
     let mut bare = at.clone();
     let mut terms = Vec::new();
     for &joint in joints {
-        let response = Response::new(search, at, &runs, joint, scale);
+        let response = Response::new(search, at, &runs, joint);
         for (index, (effect, theta, _)) in TERMS.iter().enumerate() {
             let has = |e: &sagci_model::EffectEntry| e.effect == *effect && e.joint.as_deref() == Some(search.names[joint].as_str());
             if refitted.hypothesis.model.document.effects.iter().any(has) {

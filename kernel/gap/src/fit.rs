@@ -23,6 +23,7 @@ use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Gains, Noise};
 use crate::plant::Plant;
+use crate::span::Change;
 use crate::trajectory::Trajectory;
 
 /// Data, and how they are weighed.
@@ -185,6 +186,8 @@ const TRIES: usize = 6;
 const HOPE: f64 = 5.0;
 /// Share of a cost beyond noise that is no progress.
 const TRIFLE: f64 = 2e-4;
+/// Rows of derivatives that are multiplied at a time.
+const BLOCK: usize = 2048;
 /// Most rows over which errors go on.
 const LAGS: usize = 200;
 /// Fall of the cost beyond which derivatives are not those at the end.
@@ -232,10 +235,19 @@ impl Fit {
         let weight = 1.0 / (scale * scale);
         let mut matrix = DMatrix::zeros(p, p);
         let mut right = DVector::zeros(p);
+        // By blocks of rows that stay in the cache: columns of a robot's arm are long and many.
+        for first in (0..self.errors.len()).step_by(BLOCK) {
+            let rows = BLOCK.min(self.errors.len() - first);
+            for a in 0..p {
+                let column = self.jacobian[a].rows(first, rows);
+                for b in 0..=a {
+                    matrix[(a, b)] += weight * column.dot(&self.jacobian[b].rows(first, rows));
+                }
+            }
+        }
         for a in 0..p {
-            for b in 0..=a {
-                let dot = weight * self.jacobian[a].dot(&self.jacobian[b]);
-                (matrix[(a, b)], matrix[(b, a)]) = (dot, dot);
+            for b in 0..a {
+                matrix[(b, a)] = matrix[(a, b)];
             }
             let [mean, deviation] = self.hypothesis.fitted[a].prior;
             let inverse = 1.0 / (deviation * deviation);
@@ -354,7 +366,7 @@ impl Fit {
 
 /// Minimises a sum of squares of few numbers that is cheap to have, by the same method: where it ends, and the sum there.
 pub(crate) fn minimise(
-    errors: &dyn Fn(&[f64]) -> DVector<f64>,
+    errors: &dyn Fn(&[f64]) -> Change,
     fitted: &[Fitted],
     mut x: Vec<f64>,
     scale: f64,
@@ -366,13 +378,13 @@ pub(crate) fn minimise(
     let mut now = errors(&x);
     let mut damping = 1e-3;
     for _ in 0..rounds {
-        let columns: Vec<DVector<f64>> = (0..p)
+        let columns: Vec<Change> = (0..p)
             .map(|i| {
                 let room = fitted[i].bounds[1] - x[i] >= fitted[i].difference;
                 let change = if room { fitted[i].difference } else { -fitted[i].difference };
                 let mut moved = x.clone();
                 moved[i] += change;
-                (errors(&moved) - &now) / change
+                errors(&moved).since(&now, change)
             })
             .collect();
         let (mut matrix, mut right) = (DMatrix::zeros(p, p), DVector::zeros(p));

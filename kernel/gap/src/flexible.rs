@@ -9,10 +9,11 @@
 //!
 //! with `D` the changes of the errors by a unit force in each bin, behind what the model's own numbers can explain.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix};
 use serde::Serialize;
 
 use crate::response::Response;
+use crate::span::Span;
 
 /// A force without a name.
 #[derive(Debug, Clone)]
@@ -90,7 +91,7 @@ const GROUPS: [(&str, usize, Key); 9] = [
 ];
 
 /// The most likely force without a name on a joint, on top of a fitted model.
-pub(crate) fn nameless(response: &Response, scale: f64, size: f64) -> Option<Nameless> {
+pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) -> Option<Nameless> {
     let places = response.places();
     let fold = |f: fn(&Place) -> f64| places.iter().map(f).fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
     let ranges = Scale {
@@ -107,7 +108,7 @@ pub(crate) fn nameless(response: &Response, scale: f64, size: f64) -> Option<Nam
         for b in 0..count {
             let forces: Vec<f64> = keys.iter().map(|(at, factor)| if *at == b { *factor } else { 0.0 }).collect();
             if forces.iter().filter(|f| **f != 0.0).count() >= 10 {
-                columns.push(response.project(response.errors_of(&forces)));
+                columns.push(response.errors_of(&forces));
                 bins.push(b);
             }
         }
@@ -115,8 +116,8 @@ pub(crate) fn nameless(response: &Response, scale: f64, size: f64) -> Option<Nam
             continue;
         }
         let k = columns.len();
-        let matrix = DMatrix::from_fn(k, k, |a, b| columns[a].dot(&columns[b]));
-        let right = DVector::from_fn(k, |a, _| -columns[a].dot(&response.errors));
+        let (matrix, right) = span.products(&DMatrix::from_columns(&columns));
+        let right = -right;
         let variance = scale * scale;
         for prior in [0.003, 0.01, 0.03, 0.1, 0.3, 1.0].map(|share| share * size) {
             let ratio = variance / (prior * prior);

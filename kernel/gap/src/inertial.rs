@@ -61,12 +61,12 @@ impl Along {
 }
 
 impl Search<'_> {
-    /// Derivatives of a fit's errors by all its numbers; those that no force stands for by runs.
-    pub fn derivatives(&self, fit: &Fit) -> Result<Vec<DVector<f64>>, GapError> {
+    /// Derivatives of a fit's errors by its known numbers; those that no force stands for by runs.
+    pub fn derivatives_by_known(&self, fit: &Fit) -> Result<Vec<DVector<f64>>, GapError> {
         let (n, hypothesis) = (self.names.len(), &fit.hypothesis);
         let runs = self.runs(fit)?;
         let bare = Fit { jacobian: Vec::new(), ..fit.clone() };
-        let responses: Vec<Response> = (0..n).map(|j| Response::new(self, &bare, &runs, j, 1.0)).collect();
+        let responses: Vec<Response> = (0..n).map(|j| Response::new(self, &bare, &runs, j)).collect();
         let along = Along::new(self, &runs);
         let plant = |x: &[f64]| hypothesis.plant(x, &self.problem.limits, self.problem.step);
         let asked = along.efforts(&plant(&hypothesis.x)?, n)?;
@@ -96,6 +96,6 @@ impl Search<'_> {
             let of = |j: usize| responses[j].errors_of(&forces.iter().skip(j).step_by(n).copied().collect::<Vec<_>>());
             Ok((0..n).map(of).sum())
         };
-        (0..hypothesis.x.len()).into_par_iter().map(column).collect()
+        (0..hypothesis.known).into_par_iter().map(column).collect()
     }
 }

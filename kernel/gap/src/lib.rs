@@ -21,6 +21,7 @@ mod noise;
 mod noisy_tests;
 mod observer;
 mod page;
+mod part;
 mod plant;
 pub mod plots;
 mod predict;
@@ -32,12 +33,15 @@ mod rest_tests;
 #[cfg(test)]
 #[allow(clippy::panic)]
 mod round_trip;
+mod screen;
 mod search;
+mod span;
 mod starts;
 #[cfg(test)]
 mod tests;
 mod trajectory;
 mod unseen;
+mod view;
 mod weigh;
 mod windows;
 

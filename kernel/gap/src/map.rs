@@ -1,24 +1,21 @@
 //! Where a model and data disagree: the most likely force without a name, joint by joint.
 
-use rayon::prelude::*;
-
 use crate::GapError;
 use crate::fit::Fit;
-use crate::flexible;
 use crate::report::Where;
-use crate::response::Response;
 use crate::search::Search;
 
 /// Joints on which a force is lacking, the worst first.
 ///
 /// Its probability by chance is at most the inverse of its Bayes factor (Markov's inequality; Vovk and Wang 2021).
 pub(crate) fn places(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<Where>, GapError> {
-    let runs = search.runs(fit)?;
     let typical = search.typical_force();
-    let mut found: Vec<Where> = (0..search.names.len())
-        .into_par_iter()
-        .filter_map(|j| {
-            let found = flexible::nameless(&Response::new(search, fit, &runs, j, scale), scale, typical[j])?;
+    let mut found: Vec<Where> = search
+        .nameless_by_joint(fit, scale)?
+        .into_iter()
+        .enumerate()
+        .filter_map(|(j, found)| {
+            let found = found?;
             let share = if found.evidence > 0.0 { (found.force / typical[j].max(1e-12)).powi(2) } else { 0.0 };
             Some(Where {
                 joint: search.names[j].clone(),

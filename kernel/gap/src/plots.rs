@@ -163,7 +163,7 @@ pub(crate) fn draw(
             let joint = &model.joints[search.joints[j]];
             let sliding = joint.kind == JointKind::Prismatic;
             let places = [(refitted, &runs[0]), (current, &runs[1])].map(|(fit, runs)| {
-                let response = Response::new(search, fit, runs, j, 1.0);
+                let response = Response::new(search, fit, runs, j);
                 let at = response.places();
                 let lacking = response.lacking(&fit.errors);
                 (at, lacking)

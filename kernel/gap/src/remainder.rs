@@ -25,6 +25,7 @@ use crate::observer::{self, Run};
 use crate::report::Remainder;
 use crate::response::Response;
 use crate::search::{STEP, Search};
+use crate::span::Span;
 
 /// Width of the one inner layer, for each joint.
 const HIDDEN: usize = 8;
@@ -51,11 +52,12 @@ struct Learned {
 /// The most likely learned force on top of a fitted model; none where no force shows.
 pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Result<Option<Residual>, GapError> {
     let typical = search.typical_force();
+    let span = Span::new(fit, scale);
     let (mut errors, mut runs) = follow(search, fit, None)?;
     let mut wanting: Vec<(usize, Response, flexible::Nameless)> = (0..search.names.len())
         .filter_map(|j| {
-            let response = Response::new(search, fit, &runs, j, scale);
-            let nameless = flexible::nameless(&response, scale, typical[j])?;
+            let response = Response::new(search, fit, &runs, j);
+            let nameless = flexible::nameless(&response, &span, scale, typical[j])?;
             (nameless.evidence > 0.0).then_some((j, response, nameless))
         })
         .collect();
@@ -69,7 +71,7 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
     for _ in 0..PASSES {
         let before = errors.norm_squared();
         for one in &mut learned {
-            let response = Response::new(search, fit, &runs, one.joint, scale);
+            let response = Response::new(search, fit, &runs, one.joint);
             errors = train(&response, search.kind(fit, one.joint), &errors, &mut one.network, scale)?;
         }
         if learned.is_empty() {

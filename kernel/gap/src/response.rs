@@ -9,7 +9,7 @@
 //!
 //! which costs a few operations a row, where a run of the simulator costs thousands.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use sagci_dynamics::effects::{Effect, HISTORY, Instant};
 
 use crate::fit::Fit;
@@ -35,10 +35,6 @@ pub(crate) struct Response {
     inverse: Vec<f64>,
     /// What is kept and gained over the row, by row and joint: see [`Row::decay`].
     decay: Vec<[f64; 4]>,
-    /// Errors of the base model without what its known numbers can explain, with a row for the prior of each of these, and an orthonormal
-    /// basis of what they can.
-    pub errors: DVector<f64>,
-    basis: DMatrix<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -69,7 +65,7 @@ impl Row {
 }
 
 impl Response {
-    pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize, scale: f64) -> Self {
+    pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize) -> Self {
         let n = search.names.len();
         let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
         for (trajectory, run) in search.problem.trajectories.iter().zip(runs) {
@@ -95,47 +91,8 @@ impl Response {
         let model = base.hypothesis.model_at(&base.hypothesis.x);
         let rates: Vec<f64> = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
         let decay = rows.iter().flat_map(|row: &Row| rates.iter().map(|rate| row.decay(*rate))).collect();
-        // Numbers with a prior count as measured once more: a row each, behind the errors. Those on a bound can explain nothing more.
-        let (count, known) = (base.errors.len(), base.jacobian.len());
-        let extended = |errors: &DVector<f64>, prior: &dyn Fn(usize) -> f64| {
-            DVector::from_fn(count + known, |i, _| if i < count { errors[i] } else { prior(i - count) })
-        };
-        let hypothesis = &base.hypothesis;
-        let mut basis: Vec<DVector<f64>> = Vec::new();
-        for (p, column) in base.jacobian.iter().enumerate() {
-            let fitted = &hypothesis.fitted[p];
-            let margin = 1e-3 * (fitted.bounds[1] - fitted.bounds[0]);
-            if hypothesis.x[p] < fitted.bounds[0] + margin || hypothesis.x[p] > fitted.bounds[1] - margin {
-                continue;
-            }
-            let mut rest = extended(column, &|i| if i == p { scale / fitted.prior[1] } else { 0.0 });
-            let norm = rest.norm();
-            for _ in 0..2 {
-                for b in &basis {
-                    let dot = b.dot(&rest);
-                    rest.axpy(-dot, b, 1.0);
-                }
-            }
-            if rest.norm() > 1e-6 * norm && norm > 0.0 {
-                basis.push(rest.normalize());
-            }
-        }
-        let basis = if basis.is_empty() { DMatrix::zeros(count + known, 0) } else { DMatrix::from_columns(&basis) };
-        let off = |p: usize| scale * (hypothesis.x[p] - hypothesis.fitted[p].prior[0]) / hypothesis.fitted[p].prior[1];
-        let errors = extended(&base.errors, &off);
-        let along = basis.tr_mul(&errors);
-        let errors = errors - &basis * along;
         let noisy = search.problem.disturbance.effort[joint] > 0.0;
-        Self { rows, joints: n, joint, noisy, gains, inverse, decay, errors, basis }
-    }
-
-    /// Without what the base model's own numbers can explain.
-    pub fn project(&self, change: DVector<f64>) -> DVector<f64> {
-        let count = change.len();
-        let along = self.basis.rows(0, count).tr_mul(&change);
-        let mut rest = change.resize_vertically(self.errors.len(), 0.0);
-        rest -= &self.basis * along;
-        rest
+        Self { rows, joints: n, joint, noisy, gains, inverse, decay }
     }
 
     /// The forces of an effect along the base run.

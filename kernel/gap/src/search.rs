@@ -1,21 +1,18 @@
 //! Which effect is missing: starts from everything the catalogue offers, exact fits of the best, and their evidence.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::f64::consts::TAU;
+use std::collections::BTreeSet;
 
-use nalgebra::DVector;
 use rayon::prelude::*;
-use sagci_dynamics::effects::{self, Acts, Effect};
+use sagci_dynamics::effects;
 use sagci_model::ObjectModel;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
-use crate::flexible;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
-use crate::response::Response;
-use crate::starts::{JointView, Seen, observable, starts};
+use crate::screen::NEAR;
+use crate::starts::{JointView, Seen, neighbour};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
 /// An effect at a place, fitted.
@@ -48,41 +45,24 @@ pub(crate) struct Search<'a> {
 pub(crate) const FLOOR: f64 = 0.01;
 /// Longest step while searching, s.
 pub(crate) const STEP: f64 = 2.5e-3;
-/// Effects of one stage that are fitted in the simulator, and those of them that are fitted to the end.
-const SEMIFINALISTS: usize = 12;
+/// Effects of one stage that are fitted to the end.
 const FINALISTS: usize = 6;
-/// Joints on each of which everything is tried, and the share of the evidence of the best force on any that is asked of one on others.
+/// And those of them that are fitted over all data, where a part of these has been asked.
+const FEWER: usize = 4;
+/// Share of the evidence that an effect may be behind the best one over a part of the data, to be fitted over all of them.
+const FAR: f64 = 0.05;
+/// Of how many of the best a neighbour begins where they end.
+const NEIGHBOURS: usize = 3;
+/// Joints on each of which everything is tried, and derivatives are taken from runs.
 const FEW: usize = 2;
-const PUSHED: f64 = 0.1;
 /// How often derivatives of the known numbers are taken in the linear response, and the share of the errors' squares that is no progress.
 const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;
 /// Steps of a first fit in the simulator.
 pub(crate) const QUICK: usize = 5;
-/// Starts of one effect that are fitted in the simulator.
-const STARTS: usize = 2;
-
-/// An effect that explains less than this share of what the best one explains is not looked at further: after the screen, and after
-/// the first rounds in the simulator.
-const HOPE: f64 = 0.3;
+/// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
+/// further.
 const CLOSE: f64 = 0.8;
-
-const NEAR: f64 = 10.0;
-/// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
-const LOCAL: f64 = 0.3;
-/// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
-const REPEATS: f64 = 1.5;
-
-/// An effect at a place after the screens.
-struct Screened {
-    /// Its numbers were fitted in the linear response.
-    linear: bool,
-    effect: &'static str,
-    joint: Option<usize>,
-    hypothesis: Hypothesis,
-    /// Roughly the logarithm of its evidence over that of the base model.
-    worth: f64,
-}
 
 impl<'a> Search<'a> {
     pub fn new(model: &ObjectModel, trajectories: &'a [Trajectory]) -> Result<Self, GapError> {
@@ -119,8 +99,18 @@ impl<'a> Search<'a> {
 
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
+        let Some(part) = self.part() else {
+            let fit = self.known_in_response(model, scale)?;
+            return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
+        };
+        let begun = self.over(&part.trajectories).known_in_response(model, scale)?;
+        self.refit(&begun, scale)
+    }
+
+    /// The same by derivatives in the linear response.
+    fn known_in_response(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
         let mut fit = Fit::start(&self.problem, Hypothesis::known(model, &self.joints))?;
-        fit.jacobian = self.derivatives(&fit)?;
+        fit.jacobian = self.derivatives_by_known(&fit)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
         let column = |f: &Fitted| fit.hypothesis.fitted.iter().position(|all| all.knob == f.knob).map(|i| fit.jacobian[i].clone());
         let jacobian = hypothesis.fitted.iter().filter_map(column).collect();
@@ -131,9 +121,9 @@ impl<'a> Search<'a> {
             if before - fit.squares < TRIFLE * before {
                 break;
             }
-            fit.jacobian = self.derivatives(&fit)?;
+            fit.jacobian = self.derivatives_by_known(&fit)?;
         }
-        if self.names.len() > FEW { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) }
+        Ok(fit)
     }
 
     /// A fit as it is compared with others.
@@ -156,184 +146,101 @@ impl<'a> Search<'a> {
         fit.evidence(fit.squares, scale)
     }
 
+    /// Are there so many joints that what is done for each has to be little?
+    pub fn many_joints(&self) -> bool {
+        self.names.len() > FEW
+    }
+
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.
     pub fn stage(&self, base: &Fit, scale: f64) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base)?;
-        let mut tries: Vec<(&'static dyn Effect, Option<usize>, Vec<f64>)> = Vec::new();
-        for effect in effects::catalogue() {
-            let description = effect.description();
-            let places: Vec<Option<usize>> = match description.acts {
-                Acts::Base => vec![None],
-                _ => (0..self.names.len()).map(Some).collect(),
-            };
-            for place in places {
-                let at = place.unwrap_or(0);
-                let skip = !observable(description.name, self.seen[at])
-                    || description.acts == Acts::Losses && !self.wears(base, at)
-                    || base
-                        .hypothesis
-                        .model
-                        .document
-                        .effects
-                        .iter()
-                        .any(|e| e.effect == description.name && e.joint.as_deref() == place.map(|j| self.names[j].as_str()));
-                if !skip {
-                    tries.extend(starts(description.name, &views[at]).into_iter().map(|s| (*effect, place, s)));
-                }
+        let mut all = match self.part() {
+            None => {
+                let (first, rest) = self.divided(base, self.begun(base, &views, scale)?, scale);
+                let mut all = self.finished(base, first, scale);
+                all.extend(rest);
+                all
             }
-        }
-        // Screens, cheap and only roughly right: they choose starts and leave out the hopeless.
-        let runs = self.runs(base)?;
-        let mut responses: Vec<Option<Response>> = Vec::new();
-        for j in 0..self.names.len() {
-            responses.push(tries.iter().any(|t| t.1 == Some(j)).then(|| Response::new(self, base, &runs, j, scale)));
-        }
-        let pushed = self.pushed(&responses, scale);
-        // Where one step after the other is compared, their order cancels.
-        let rough = Problem { rough: true, ..self.problem.clone() };
-        let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
-        let screened: Vec<Option<Screened>> = tries
-            .into_par_iter()
-            .map(|(effect, place, values)| {
-                let name = effect.description().name;
-                let hypothesis = base.hypothesis.with(name, place.map(|j| self.names[j].as_str()), &values).ok()?;
-                let view = &views[place.unwrap_or(0)];
-                let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * view.way(), REPEATS * TAU / view.way());
-                let response = responses.get(place.unwrap_or(0))?.as_ref()?;
-                let linear = effect.description().acts == Acts::Joint && effect.description().parameter("encoder").is_none();
-                if !linear && !place.is_none_or(|j| pushed[j]) {
-                    return None;
-                }
-                let (x, gain) = if linear {
-                    self.by_response(base, response, effect, &hypothesis, &values, scale)
-                } else {
-                    by_run(&rough, &rough_base, response, base, &hypothesis)?
-                };
-                let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;
-                let worth = 0.5 * gain / (scale * scale) - 0.5 * extra * (self.problem.measured() as f64).ln();
-                let hypothesis = Hypothesis { x, ..hypothesis };
-                worth.is_finite().then_some(Screened { linear, effect: name, joint: place, hypothesis, worth })
-            })
-            .collect();
-        // What was fitted in the linear response has one best start; of others the second may lead further.
-        let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
-        for candidate in screened.into_iter().flatten() {
-            best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
-        }
-        let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
-        for starts in &mut ranked {
-            starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
-            starts.truncate(if starts[0].linear { 1 } else { STARTS });
-        }
-        ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
-        ranked.truncate(SEMIFINALISTS);
-        // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
-        let most = ranked.first().map_or(0.0, |r| r[0].worth);
-        let mut place = 0;
-        ranked.retain(|r| {
-            place += 1;
-            (r[0].worth > -NEAR || !r[0].linear) && (place <= 4 || r[0].worth > HOPE * most)
-        });
-        let quick = Effort::new(QUICK, 0.5);
-        let mut ranked: Vec<Candidate> = ranked
-            .into_iter()
-            .flatten()
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .filter_map(|screened| {
-                let mut fit = Fit::start(&self.problem, screened.hypothesis).ok()?;
-                // Judged at the end; until then beside the base.
-                fit.judged = base.judged + fit.squares - base.squares;
-                let fit = fit.improve(&self.problem, scale, quick, Derivatives { kept: false, frozen: Some(&base.jacobian) }).ok()?;
-                let evidence = self.evidence(&fit, scale);
-                evidence.is_finite().then_some(Candidate { effect: screened.effect, joint: screened.joint, fit, evidence })
-            })
-            .collect();
-        ranked.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let mut seen = BTreeSet::new();
-        ranked.retain(|c| seen.insert((c.effect, c.joint)));
-        let fall = |c: &Candidate| base.squares - c.fit.squares;
-        let most = ranked.first().map_or(0.0, fall);
-        // What an exact fit has not brought near the base model's evidence yet will not be convincing.
-        let here = self.evidence(base, scale);
-        let hope = |c: &&Candidate| fall(c) > CLOSE * most && c.evidence > here - NEAR;
-        let hopeful = ranked.iter().take(FINALISTS).take_while(hope).count().max(2);
-        let rest = ranked.split_off(hopeful.min(ranked.len()));
-        let known = Derivatives { kept: true, frozen: Some(&base.jacobian) };
-        let finish = |candidate: Candidate, bar: f64| {
-            let fit = candidate.fit.finish(&self.problem, scale, known, bar).ok()?;
-            Some(Candidate { fit, ..candidate })
+            Some(part) => {
+                let light = self.over(&part.trajectories);
+                let base_there = part.of(&light, base)?;
+                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, scale)?, scale);
+                let mut all = light.finished(&base_there, first, scale);
+                light.rank(&mut all, scale);
+                // All of the data say as much more as they are more.
+                let more = self.problem.measured() as f64 / light.problem.measured() as f64;
+                let best = all.first().map_or(0.0, |c| c.evidence);
+                let behind = f64::max(NEAR / more, FAR * (best - light.evidence(&base_there, scale)));
+                all.truncate(all.iter().take(FEWER).take_while(|c| c.evidence > best - behind).count().max(2));
+                let whole = |c: Candidate| Some(Candidate { fit: self.refit(&c.fit, scale).ok()?, ..c });
+                all.into_par_iter().filter_map(whole).collect()
+            }
         };
-        // What stays far behind the best need not be fitted to the end.
-        let behind = ranked.split_off(1.min(ranked.len()));
-        let mut finished: Vec<Candidate> = ranked.into_iter().filter_map(|c| finish(c, here)).collect();
-        let bar = finished.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
-        finished.extend(behind.into_par_iter().filter_map(|c| finish(c, bar)).collect::<Vec<_>>());
-        let mut all = finished;
-        all.extend(rest);
-        let mut all: Vec<Candidate> = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
+        all = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
         self.rank(&mut all, scale);
         Ok(all)
     }
 
-    /// Joints on which some force explains a good part of what one on any joint does. A run for each start of each effect on each joint of a
-    /// robot's arm is what a search would mostly do.
-    fn pushed(&self, responses: &[Option<Response>], scale: f64) -> Vec<bool> {
-        if responses.len() <= FEW {
-            return vec![true; responses.len()];
-        }
-        let typical = self.typical_force();
-        let told = |(j, response): (usize, &Option<Response>)| {
-            response.as_ref().and_then(|r| flexible::nameless(r, scale, typical[j])).map_or(0.0, |n| n.evidence)
+    /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
+    fn begun(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Candidate>, GapError> {
+        let known = Derivatives { kept: false, frozen: Some(&base.jacobian) };
+        let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
+            let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
+            // Judged at the end; until then beside the base.
+            fit.judged = base.judged + fit.squares - base.squares;
+            let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
+            let evidence = self.evidence(&fit, scale);
+            evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
         };
-        let evidence: Vec<f64> = responses.par_iter().enumerate().map(told).collect();
-        let most = evidence.iter().copied().fold(0.0, f64::max);
-        evidence.iter().map(|e| *e >= PUSHED * most).collect()
+        let best = |candidates: &mut Vec<Candidate>| {
+            candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            let mut seen = BTreeSet::new();
+            candidates.retain(|c| seen.insert((c.effect, c.joint)));
+        };
+        let screened = self.screen(base, views, scale)?;
+        let mut begun: Vec<Candidate> = screened.into_par_iter().filter_map(|s| first(s.effect, s.joint, s.hypothesis)).collect();
+        best(&mut begun);
+        let beside = |c: &Candidate| {
+            let j = c.joint?;
+            let hypothesis = &c.fit.hypothesis;
+            let entry = hypothesis.model_at(&hypothesis.x).document.effects.pop()?;
+            let (_, values) = effects::parameters_of(&entry).ok()?;
+            let (name, values) = neighbour(c.effect, &values, &views[j])?;
+            first(name, c.joint, base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?)
+        };
+        let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).filter_map(beside).collect();
+        begun.extend(more);
+        best(&mut begun);
+        Ok(begun)
     }
 
-    /// Fits an effect's numbers in the linear response: where it ends, and how much the sum of squares falls.
-    fn by_response(
-        &self,
-        base: &Fit,
-        response: &Response,
-        effect: &dyn Effect,
-        hypothesis: &Hypothesis,
-        values: &[f64],
-        scale: f64,
-    ) -> (Vec<f64>, f64) {
-        let first = base.hypothesis.x.len();
-        let fitted = &hypothesis.fitted[first..];
-        let parameters = effect.description().parameters;
-        let places: Vec<usize> = fitted
-            .iter()
-            .filter_map(|f| match &f.knob {
-                Knob::Effect(_, name) => parameters.iter().position(|p| p.name == *name),
-                _ => None,
-            })
-            .collect();
-        let errors = |x: &[f64]| {
-            let mut theta = values.to_vec();
-            for ((place, f), x) in places.iter().zip(fitted).zip(x) {
-                theta[*place] = f.value(*x);
-            }
-            let change = response.errors_of(&response.forces(effect, &theta));
-            &response.errors + response.project(change)
-        };
-        let x = hypothesis.x[first..].to_vec();
-        let (x, squares) = crate::fit::minimise(&errors, fitted, x, scale, 8);
-        let mut all = hypothesis.x.clone();
-        all[first..].copy_from_slice(&x);
-        (all, response.errors.norm_squared() - squares)
+    /// What is to be fitted to the end, and the rest.
+    fn divided(&self, base: &Fit, mut begun: Vec<Candidate>, scale: f64) -> (Vec<Candidate>, Vec<Candidate>) {
+        let fall = |c: &Candidate| base.squares - c.fit.squares;
+        let most = begun.first().map_or(0.0, fall);
+        // What an exact fit has not brought near the base model's evidence yet will not be convincing.
+        let here = self.evidence(base, scale);
+        let hope = |c: &&Candidate| fall(c) > CLOSE * most && c.evidence > here - NEAR;
+        let hopeful = begun.iter().take(FINALISTS).take_while(hope).count().max(2);
+        let rest = begun.split_off(hopeful.min(begun.len()));
+        (begun, rest)
     }
 
-    /// Has the joint a loss that heat can change?
-    fn wears(&self, fit: &Fit, joint: usize) -> bool {
-        let model = &fit.hypothesis.model;
-        let j = &model.joints[self.joints[joint]];
-        let named = |e: &sagci_model::EffectEntry| {
-            e.joint.as_deref() == Some(j.name.as_str()) && effects::find(&e.effect).is_ok_and(|e| e.description().wears)
+    /// Fits to the end, the first of them first: what stays far behind it need not be fitted to the end.
+    fn finished(&self, base: &Fit, mut candidates: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
+        let here = self.evidence(base, scale);
+        let known = Derivatives { kept: true, frozen: Some(&base.jacobian) };
+        let finish = |mut candidate: Candidate, bar: f64| {
+            candidate.fit.judged = base.judged + candidate.fit.squares - base.squares;
+            let begin = Derivatives { kept: !candidate.fit.jacobian.is_empty(), ..known };
+            let fit = candidate.fit.finish(&self.problem, scale, begin, bar).ok()?;
+            Some(Candidate { fit, ..candidate })
         };
-        j.damping > 0.0 || j.friction > 0.0 || model.document.effects.iter().any(named)
+        let behind = candidates.split_off(1.min(candidates.len()));
+        let mut finished: Vec<Candidate> = candidates.into_iter().filter_map(|c| finish(c, here)).collect();
+        let bar = finished.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
+        finished.extend(behind.into_par_iter().filter_map(|c| finish(c, bar)).collect::<Vec<_>>());
+        finished
     }
 
     /// Runs of a fitted model along all trajectories.
@@ -351,79 +258,6 @@ impl<'a> Search<'a> {
         }
         Ok(runs)
     }
-
-    /// What the data look like to a fitted model, by joint.
-    fn views(&self, base: &Fit) -> Result<Vec<JointView>, GapError> {
-        let runs = self.runs(base)?;
-        Ok((0..self.names.len()).map(|j| self.view(base, &runs, j)).collect())
-    }
-
-    /// Forces that the model lacks at a joint, one for each row, with position and velocity: the change of velocity that the filter
-    /// has to make, over the time of the row.
-    pub fn lacking(&self, errors: &DVector<f64>, runs: &[Run], j: usize) -> Vec<[f64; 4]> {
-        let mut rows = Vec::new();
-        let mut at = 0;
-        for (trajectory, run) in self.problem.trajectories.iter().zip(runs) {
-            let gains = &run.gains;
-            let n = trajectory.joints;
-            for k in 0..trajectory.rows() {
-                let i = k * n + j;
-                // Lacking `dtau` slows: its sign is opposite to the correction's.
-                let force = -self.inertias[j] * gains.acceleration(trajectory, k, j) * errors[at + i] * gains.deviation(i);
-                if gains.deviation(i).is_finite() && trajectory.position[i].is_finite() {
-                    rows.push([force, run.q[i], run.v[i], trajectory.time[k]]);
-                }
-            }
-            at += trajectory.rows() * n;
-        }
-        rows
-    }
-
-    fn view(&self, base: &Fit, runs: &[Run], j: usize) -> JointView {
-        let rows = self.lacking(&base.errors, runs, j);
-        let rms = |i: usize| (rows.iter().map(|r| r[i] * r[i]).sum::<f64>() / rows.len().max(1) as f64).sqrt();
-        let (low, high) = rows.iter().fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
-        let model = &base.hypothesis.model;
-        let joint = &model.joints[self.joints[j]];
-        let link = &model.links[joint.child].inertial;
-        // What the drive makes of its command, not the command.
-        let efforts = runs.iter().flat_map(|r| r.tau.iter().skip(j).step_by(self.names.len())).filter(|u| u.is_finite());
-        let p = link.p_LoLcm;
-        JointView {
-            force: binned(&rows, low, high).max(1e-6),
-            speed: rms(2),
-            range: [low, high],
-            turns: joint.kind != sagci_model::JointKind::Prismatic,
-            inertia: self.inertias[j],
-            effort: efforts.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
-            places: places(&rows, low, high),
-            cycles: cycles(&rows, low, high),
-            duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
-            period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
-            mass: link.mass,
-            p_LoLcm: [p.x, p.y, p.z],
-            axis: [joint.axis.x, joint.axis.y, joint.axis.z],
-        }
-    }
-}
-
-/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: the fall of the sum of squares along the change that it makes.
-fn by_run(
-    problem: &Problem<'_>,
-    errors: &DVector<f64>,
-    response: &Response,
-    base: &Fit,
-    hypothesis: &Hypothesis,
-) -> Option<(Vec<f64>, f64)> {
-    let change = problem.errors(hypothesis, &hypothesis.x).ok()? - errors;
-    let change = response.project(change);
-    let size = change.norm_squared();
-    // Sizes that cannot be negative change nothing in the other direction.
-    let one_sided = hypothesis.fitted[base.hypothesis.x.len()..].iter().all(|f| f.logarithmic);
-    let least = if one_sided { 0.0 } else { -2.0 };
-    let share = (-change.dot(&response.errors) / size).clamp(least, 2.0);
-    let gain = -share * (2.0 * change.dot(&response.errors) + share * size);
-    (size > 0.0).then(|| (hypothesis.x.clone(), gain))
 }
 
 /// Are the URDF's limits of a joint reached in the data?
@@ -448,75 +282,6 @@ fn one_way(trajectories: &[Trajectory], joint: usize) -> bool {
         }
     }
     f64::min(up, down) < BACK * f64::max(up, down)
-}
-
-const BINS: usize = 40;
-
-/// Mean lacking force in bins of position, by the sign of the velocity.
-fn means(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<[f64; 2]> {
-    let mut sums = vec![[0.0f64; 4]; BINS];
-    for [f, q, v, _] in rows {
-        let bin = (((q - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
-        let side = if *v < 0.0 { 2 } else { 0 };
-        sums[bin][side] += f;
-        sums[bin][side + 1] += 1.0;
-    }
-    sums.iter().map(|s| [s[0] / f64::max(s[1], 5.0), s[2] / f64::max(s[3], 5.0)]).collect()
-}
-
-/// Size of the lacking force, apart from noise.
-fn binned(rows: &[[f64; 4]], low: f64, high: f64) -> f64 {
-    let means = means(rows, low, high);
-    (means.iter().flatten().map(|m| m * m).sum::<f64>() / (2 * BINS) as f64).sqrt()
-}
-
-/// Positions where the lacking force stands out from its neighbours.
-fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
-    let means = means(rows, low, high);
-    let mut scored: Vec<(f64, usize)> = (0..BINS)
-        .map(|b| {
-            let around = |side: usize| (0..BINS).filter(|c| c.abs_diff(b) > 2).map(|c| means[c][side]).sum::<f64>() / (BINS - 5) as f64;
-            ((means[b][0] - around(0)).abs().max((means[b][1] - around(1)).abs()), b)
-        })
-        .collect();
-    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut chosen: Vec<usize> = Vec::new();
-    for (_, b) in scored {
-        if chosen.iter().all(|c| c.abs_diff(b) > 3) {
-            chosen.push(b);
-        }
-    }
-    chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
-}
-
-/// Cycles a turn at which the lacking force repeats over position.
-fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
-    let range = high - low;
-    if rows.is_empty() || range.is_nan() || range <= 0.0 {
-        return Vec::new();
-    }
-    // From two periods over the range to what 400 bins can show.
-    let mut sums = vec![[0.0f64; 2]; 400];
-    for [f, q, _, _] in rows {
-        let bin = (((q - low) / range * 400.0) as usize).min(399);
-        sums[bin][0] += f;
-        sums[bin][1] += 1.0;
-    }
-    let mean = sums.iter().map(|s| s[0]).sum::<f64>() / sums.iter().map(|s| s[1]).sum::<f64>();
-    let values: Vec<f64> = sums.iter().map(|s| if s[1] > 0.0 { s[0] / s[1] - mean } else { 0.0 }).collect();
-    let power = |periods: f64| {
-        let (mut a, mut b) = (0.0, 0.0);
-        for (i, x) in values.iter().enumerate() {
-            let angle = TAU * periods * (i as f64 + 0.5) / 400.0;
-            a += x * angle.cos();
-            b += x * angle.sin();
-        }
-        a * a + b * b
-    };
-    let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p)).collect();
-    let mut peaks: Vec<(f64, f64)> = grid.windows(3).filter(|w| w[1].0 >= w[0].0 && w[1].0 > w[2].0).map(|w| w[1]).collect();
-    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.iter().take(3).map(|(_, p)| p * TAU / range).collect()
 }
 
 /// Effects among the numbers of a hypothesis, with their entries.

@@ -127,9 +127,27 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
         "unmodelled_mode" => {
             let mass = 10.0 * view.mass.max(0.1);
-            [3.0, 8.0, 20.0].iter().flat_map(|hz| each(&|d| vec![*hz, 0.05, mass, d], &[0.0, 1.0, 2.0])).collect()
+            // A mode is seen within a third of its frequency.
+            [2.0, 3.0, 4.5, 6.7, 10.0, 15.0, 22.0].iter().flat_map(|hz| each(&|d| vec![*hz, 0.05, mass, d], &[0.0, 1.0, 2.0])).collect()
         }
         _ => Vec::new(),
+    }
+}
+
+/// Where the fit of a neighbour begins, by its own equations, once an effect is fitted: both loops of friction have a width, which a
+/// neighbour's own starts may miss.
+pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Option<(&'static str, Vec<f64>)> {
+    let JointView { speed, range: [low, high], .. } = *view;
+    match (effect, values) {
+        // A loop of force F and length l rises by F / l where it begins.
+        ("cable_hysteresis", &[_, _, force, length, damping]) => {
+            Some(("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, speed.max(1e-6) / 8.0]))
+        }
+        ("presliding_hysteresis", &[stiffness, damping, friction, ..]) => {
+            let small = 0.1 * friction / view.way().max(1e-6);
+            Some(("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]))
+        }
+        _ => None,
     }
 }
 

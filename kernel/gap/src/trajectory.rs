@@ -273,6 +273,37 @@ impl Trajectory {
         self.time.len()
     }
 
+    /// One stretch of so many seconds in every so many, and the rows of which it is made.
+    pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
+        let n = self.joints;
+        let kept = |k: &usize| ((self.time[*k] - self.time[0]) / stretch) as usize % every == 0;
+        let rows: Vec<usize> = (0..self.rows()).filter(kept).collect();
+        let first = |i: usize| i == 0 || rows[i] != rows[i - 1] + 1 || self.starts.contains(&rows[i]);
+        let starts: Vec<usize> = (0..rows.len()).filter(|i| first(*i)).collect();
+        let entries = || rows.iter().flat_map(|k| k * n..(k + 1) * n);
+        let of = |all: &[f64]| entries().map(|i| all[i]).collect();
+        let mut counted: Vec<bool> = entries().map(|i| self.counted[i]).collect();
+        for start in &starts {
+            counted[start * n..((start + BURN_IN) * n).min(rows.len() * n)].fill(false);
+        }
+        let thinned = Self {
+            source: self.source.clone(),
+            hash: self.hash.clone(),
+            time: rows.iter().map(|k| self.time[*k]).collect(),
+            position: of(&self.position),
+            counted,
+            liveliness: of(&self.liveliness),
+            strain: of(&self.strain),
+            effort: of(&self.effort),
+            input: of(&self.input),
+            drive: self.drive.clone(),
+            starts,
+            continues: self.continues,
+            joints: n,
+        };
+        (thinned, rows)
+    }
+
     /// Positions of one joint, NaN where nothing was measured.
     pub fn positions(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         self.position.iter().skip(joint).step_by(self.joints).copied()

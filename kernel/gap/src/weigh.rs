@@ -1,5 +1,6 @@
 //! What a fit is worth beside others: noise, evidence, the forces that it explains.
 
+use nalgebra::DVector;
 use rayon::prelude::*;
 use sagci_model::ObjectModel;
 
@@ -11,6 +12,7 @@ use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Disturbance;
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
+use crate::span::Span;
 use crate::trajectory::Trajectory;
 use crate::windows::likely_noise;
 
@@ -42,7 +44,10 @@ const MOST_NOISE: f64 = 8.0;
 impl Search<'_> {
     /// Fits anew from where a fit stands.
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
-        self.refit_towards(fit, scale, Derivatives::FRESH, f64::NEG_INFINITY)
+        let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
+        let known = self.known_columns(&fit)?;
+        let begin = Derivatives { kept: false, frozen: known.as_deref() };
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
     }
 
     /// The same, as long as it can be hoped to come near an evidence.
@@ -51,22 +56,38 @@ impl Search<'_> {
         Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
     }
 
+    /// Derivatives by known numbers, where a run for each would be most of the work.
+    fn known_columns(&self, fit: &Fit) -> Result<Option<Vec<DVector<f64>>>, GapError> {
+        self.many_joints().then(|| self.derivatives_by_known(fit)).transpose()
+    }
+
+    /// The same, those that the fit has.
+    fn columns_of<'f>(&self, fit: &'f Fit) -> Option<&'f [DVector<f64>]> {
+        fit.jacobian.get(..fit.hypothesis.known).filter(|_| self.many_joints())
+    }
+
     /// Fits all numbers of a fit that had frozen derivatives. Where the simulator fails beside it, the fit stands as it was found.
     pub fn settle(&self, fit: &Fit, scale: f64) -> Fit {
-        let settled = fit.clone().finish(&self.problem, scale, Derivatives::FRESH, f64::NEG_INFINITY);
-        settled.map_or_else(|_| fit.clone(), |fit| self.judge(fit))
+        let anew = || {
+            let known = self.known_columns(fit)?;
+            let begin = Derivatives { kept: false, frozen: known.as_deref() };
+            Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
+        };
+        anew().unwrap_or_else(|_| fit.clone())
     }
 
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
     pub fn fit_on(&self, fit: Fit, scale: f64) -> Result<Fit, GapError> {
-        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: None };
+        let known = self.columns_of(&fit).map(<[_]>::to_vec);
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref() };
         Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
     }
 
     /// A few steps under a noise that is not the one a fit was made under.
     fn look_at(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
         let fit = fit.under(&self.problem)?;
-        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: None };
+        let known = self.columns_of(&fit).map(<[_]>::to_vec);
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref() };
         Ok(self.judge(fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), begin)?))
     }
 
@@ -124,7 +145,7 @@ impl Search<'_> {
     }
 
     /// Puts an effect of one number first, where it and a second one of few numbers say together what a rich one says alone, or more, or
-    /// predict whole windows better: two plain losses look like one of five numbers.
+    /// nearly so and predict whole windows better: two plain losses look like one of five numbers.
     pub fn prefer_two(
         &self,
         model: &ObjectModel,
@@ -134,6 +155,7 @@ impl Search<'_> {
         window: f64,
     ) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
+        let here = self.evidence(current, scale);
         let more = |fit: &Fit| fit.hypothesis.x.len() - current.hypothesis.x.len();
         let fall = |c: &Candidate| current.squares - c.fit.squares;
         let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
@@ -145,7 +167,8 @@ impl Search<'_> {
         let Some(two) = second.first() else { return Ok(()) };
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
-        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || gap(&two.fit) < gap(&best.fit) {
+        let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
+        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || nearly() {
             let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
             candidates[..=at].rotate_right(1);
         }
@@ -203,7 +226,7 @@ impl Search<'_> {
         let quiet = &self.problem.disturbance.quiet;
         let change = &less.errors - &more.errors;
         let size = |j: usize| {
-            let force = Response::new(self, less, &runs, j, 1.0).lacking(&change);
+            let force = Response::new(self, less, &runs, j).lacking(&change);
             let of = |t: &'_ Trajectory| -> Vec<f64> {
                 let both = t.liveliness.iter().zip(&t.strain).skip(j).step_by(t.joints);
                 both.map(|(a, u)| (self.inertias[j] * a.max(quiet[j])).max(*u)).collect()
@@ -220,9 +243,9 @@ impl Search<'_> {
         let (a, b) = (self.runs(current)?, self.runs(base)?);
         let mut most: f64 = 0.0;
         for j in 0..self.names.len() {
-            let response = Response::new(self, base, &b, j, 1.0);
+            let response = Response::new(self, base, &b, j);
             let before = response.lacking(&base.errors);
-            let after = Response::new(self, current, &a, j, 1.0).lacking(&current.errors);
+            let after = Response::new(self, current, &a, j).lacking(&current.errors);
             let square = |f: &[f64]| f.iter().map(|x| x * x).sum::<f64>() / f.len() as f64;
             most = most.max(square(&before) - square(&after));
         }
@@ -242,7 +265,9 @@ impl Search<'_> {
         let raised = now.share[0] / FLOOR;
         let mobility = self.problem.mobility(&plant);
         let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility);
-        let factors = likely_noise(&plant, self.problem.trajectories, &behind, [1.0, MOST_NOISE / raised]);
+        let part = self.part();
+        let trajectories = part.as_ref().map_or(self.problem.trajectories, |p| &p.trajectories);
+        let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised]);
         let likelier = now.times(factors);
         Ok((likelier != self.problem.disturbance).then_some(likelier))
     }
@@ -260,13 +285,16 @@ impl Search<'_> {
 
     /// The most likely force without a name, and its joint.
     pub fn nameless(&self, fit: &Fit, scale: f64) -> Result<Option<(usize, Nameless)>, GapError> {
+        let all = self.nameless_by_joint(fit, scale)?.into_iter().enumerate();
+        Ok(all.filter_map(|(j, n)| Some((j, n?))).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
+    }
+
+    /// The most likely force without a name on each joint.
+    pub fn nameless_by_joint(&self, fit: &Fit, scale: f64) -> Result<Vec<Option<Nameless>>, GapError> {
         let runs = self.runs(fit)?;
-        let typical = self.typical_force();
-        let all: Vec<(usize, Nameless)> = (0..self.names.len())
-            .into_par_iter()
-            .filter_map(|j| Some((j, flexible::nameless(&Response::new(self, fit, &runs, j, scale), scale, typical[j])?)))
-            .collect();
-        Ok(all.into_iter().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
+        let (typical, span) = (self.typical_force(), Span::new(fit, scale));
+        let on = |j: usize| flexible::nameless(&Response::new(self, fit, &runs, j), &span, scale, typical[j]);
+        Ok((0..self.names.len()).into_par_iter().map(on).collect())
     }
 
     /// Typical force on each joint.

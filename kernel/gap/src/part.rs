@@ -1,0 +1,76 @@
+//! A part of the data, by which a search on a robot's arm begins: starts are compared and first steps taken over stretches of it. What is
+//! named is fitted and judged over all of it.
+
+use nalgebra::DVector;
+
+use crate::GapError;
+use crate::fit::{Fit, Problem};
+use crate::search::Search;
+use crate::trajectory::Trajectory;
+
+/// Errors that tell well enough where to begin.
+const ENOUGH: usize = 20_000;
+/// Length of a stretch, s: much longer than the filter remembers.
+const STRETCH: f64 = 2.0;
+
+/// Stretches of all trajectories, and which entries of the whole errors they are, `None` where one is not counted.
+pub(crate) struct Part {
+    pub trajectories: Vec<Trajectory>,
+    entries: Vec<Option<usize>>,
+}
+
+impl Search<'_> {
+    /// The part by which a search begins; none where all of the data are no more than that.
+    pub fn part(&self) -> Option<Part> {
+        let every = (self.problem.measured() as f64 / ENOUGH as f64).round() as usize;
+        if !self.many_joints() || every < 2 {
+            return None;
+        }
+        let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
+        let mut before = 0;
+        for trajectory in self.problem.trajectories {
+            let n = trajectory.joints;
+            let (thinned, rows) = trajectory.thinned(STRETCH, every);
+            let entries = rows.iter().flat_map(|k| (k * n..(k + 1) * n).map(|i| before + i));
+            part.entries.extend(entries.zip(&thinned.counted).map(|(i, counted)| counted.then_some(i)));
+            part.trajectories.push(thinned);
+            before += trajectory.rows() * n;
+        }
+        Some(part)
+    }
+
+    /// The same search over other data of the same model.
+    pub fn over<'b>(&self, trajectories: &'b [Trajectory]) -> Search<'b> {
+        let Self { problem, names, joints, inertias, seen, jitter, mobility } = self;
+        let problem = Problem {
+            trajectories,
+            disturbance: problem.disturbance.clone(),
+            middle: problem.middle.clone(),
+            period: problem.period,
+            most: problem.most.clone(),
+            limits: problem.limits.clone(),
+            step: problem.step,
+            rough: problem.rough,
+            mobility: problem.mobility.clone(),
+        };
+        Search {
+            problem,
+            names: names.clone(),
+            joints: joints.clone(),
+            inertias: inertias.clone(),
+            seen: seen.clone(),
+            jitter: jitter.clone(),
+            mobility: mobility.clone(),
+        }
+    }
+}
+
+impl Part {
+    /// A fit of all data as it is seen by a search over this part.
+    pub fn of(&self, light: &Search<'_>, fit: &Fit) -> Result<Fit, GapError> {
+        let pick =
+            |column: &DVector<f64>| DVector::from_iterator(self.entries.len(), self.entries.iter().map(|i| i.map_or(0.0, |i| column[i])));
+        let jacobian = fit.jacobian.iter().map(pick).collect();
+        Ok(Fit { jacobian, ..Fit::start(&light.problem, fit.hypothesis.clone())? })
+    }
+}

@@ -1,0 +1,262 @@
+//! Where to begin: everything that the catalogue offers, at every place, compared cheaply and only roughly right. It chooses starts and
+//! leaves out the hopeless; what stays is fitted in the simulator.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+use sagci_dynamics::effects::{self, Acts, Effect};
+
+use crate::GapError;
+use crate::fit::{Fit, Problem};
+use crate::flexible;
+use crate::hypothesis::{Hypothesis, Knob};
+use crate::response::Response;
+use crate::search::Search;
+use crate::span::{Change, Span};
+use crate::starts::{JointView, observable, starts};
+
+/// Effects that go on to the simulator, and starts of one of them.
+const SEMIFINALISTS: usize = 12;
+const STARTS: usize = 2;
+/// An effect that explains less than this share of what the best one explains is not looked at further.
+const HOPE: f64 = 0.3;
+/// Logarithm of the evidence below which a small force will not be convincing.
+pub(crate) const NEAR: f64 = 10.0;
+/// Share of the evidence of the best force on any joint that is asked of one on others.
+const PUSHED: f64 = 0.1;
+/// Effects at a place that are fitted in the linear response where there are many joints.
+const FITTED: usize = 24;
+/// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
+const LOCAL: f64 = 0.3;
+/// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
+const REPEATS: f64 = 1.5;
+
+/// An effect at a place, and where a fit of it begins.
+struct Try {
+    effect: &'static dyn Effect,
+    joint: Option<usize>,
+    values: Vec<f64>,
+    hypothesis: Hypothesis,
+    /// Its force is a function of the run that the model makes without it.
+    linear: bool,
+}
+
+/// An effect at a place after the screens.
+pub(crate) struct Screened {
+    /// Its numbers were fitted in the linear response.
+    pub linear: bool,
+    pub effect: &'static str,
+    pub joint: Option<usize>,
+    pub hypothesis: Hypothesis,
+    /// Roughly the logarithm of its evidence over that of the base model.
+    pub worth: f64,
+}
+
+impl Search<'_> {
+    /// Where fits in the simulator begin, by effects, the most likely first.
+    pub fn screen(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Screened>, GapError> {
+        let runs = self.runs(base)?;
+        let responses: Vec<Response> = (0..self.names.len()).map(|j| Response::new(self, base, &runs, j)).collect();
+        let span = Span::new(base, scale);
+        let pushed = self.pushed(&responses, &span, scale);
+        // Where one step after the other is compared, their order cancels.
+        let rough = Problem { rough: true, ..self.problem.clone() };
+        let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
+        let worth = |hypothesis: &Hypothesis, gain: f64| {
+            let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;
+            0.5 * gain / (scale * scale) - 0.5 * extra * (self.problem.measured() as f64).ln()
+        };
+        let screened = |t: Try| {
+            let response = responses.get(t.joint.unwrap_or(0))?;
+            if !t.linear && !t.joint.is_none_or(|j| pushed[j]) {
+                return None;
+            }
+            let (x, gain) = if t.linear {
+                self.by_response(base, response, &span, &t, scale)
+            } else {
+                by_run(&rough, &rough_base, &span, base, &t.hypothesis)?
+            };
+            let worth = worth(&t.hypothesis, gain);
+            let hypothesis = Hypothesis { x, ..t.hypothesis };
+            worth.is_finite().then_some(Screened {
+                linear: t.linear,
+                effect: t.effect.description().name,
+                joint: t.joint,
+                hypothesis,
+                worth,
+            })
+        };
+        let mut tries = self.tries(base, views);
+        if self.many_joints() {
+            tries = self.promising(base, tries, &responses, &span);
+        }
+        let screened: Vec<Option<Screened>> = tries.into_par_iter().map(screened).collect();
+        // What was fitted in the linear response has one best start; of others the second may lead further.
+        let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
+        for candidate in screened.into_iter().flatten() {
+            best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
+        }
+        let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
+        for starts in &mut ranked {
+            starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+            starts.truncate(if starts[0].linear { 1 } else { STARTS });
+        }
+        ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
+        ranked.truncate(SEMIFINALISTS);
+        // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
+        let most = ranked.first().map_or(0.0, |r| r[0].worth);
+        let mut place = 0;
+        ranked.retain(|r| {
+            place += 1;
+            (r[0].worth > -NEAR || !r[0].linear) && (place <= 4 || r[0].worth > HOPE * most)
+        });
+        Ok(ranked.into_iter().flatten().collect())
+    }
+
+    /// All that the catalogue offers and the data can show.
+    fn tries(&self, base: &Fit, views: &[JointView]) -> Vec<Try> {
+        let mut tries = Vec::new();
+        for effect in effects::catalogue() {
+            let description = effect.description();
+            let linear = description.acts == Acts::Joint && description.parameter("encoder").is_none();
+            let places: Vec<Option<usize>> = match description.acts {
+                Acts::Base => vec![None],
+                _ => (0..self.names.len()).map(Some).collect(),
+            };
+            for joint in places {
+                let at = joint.unwrap_or(0);
+                let named = joint.map(|j| self.names[j].as_str());
+                let there = |e: &sagci_model::EffectEntry| e.effect == description.name && e.joint.as_deref() == named;
+                if !observable(description.name, self.seen[at])
+                    || description.acts == Acts::Losses && !self.wears(base, at)
+                    || base.hypothesis.model.document.effects.iter().any(there)
+                {
+                    continue;
+                }
+                let way = views[at].way();
+                for values in starts(description.name, &views[at]) {
+                    let Ok(hypothesis) = base.hypothesis.with(description.name, named, &values) else { continue };
+                    let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * way, REPEATS * TAU / way);
+                    tries.push(Try { effect: *effect, joint, values, hypothesis, linear });
+                }
+            }
+        }
+        tries
+    }
+
+    /// Of the linear ones those that already explain most where they begin, their size apart. Fitting each of them on each joint of a
+    /// robot's arm is what a screen would mostly do.
+    fn promising(&self, base: &Fit, tries: Vec<Try>, responses: &[Response], span: &Span) -> Vec<Try> {
+        let gain = |t: &Try| match (t.linear, responses.get(t.joint.unwrap_or(0))) {
+            (true, Some(response)) => {
+                let change = span.of(response.errors_of(&response.forces(t.effect, &t.values)));
+                along(&change, span, reach(base, &t.hypothesis)).1
+            }
+            _ => f64::INFINITY,
+        };
+        let gains: Vec<f64> = tries.par_iter().map(gain).collect();
+        let mut tries: Vec<(f64, Try)> = gains.into_iter().zip(tries).collect();
+        tries.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut begun: BTreeMap<(&str, Option<usize>), usize> = BTreeMap::new();
+        tries.retain(|(_, t)| {
+            if !t.linear {
+                return true;
+            }
+            let places = begun.len();
+            let starts = begun.entry((t.effect.description().name, t.joint)).or_default();
+            *starts += 1;
+            *starts <= STARTS && (*starts > 1 || places < FITTED)
+        });
+        tries.into_iter().map(|t| t.1).collect()
+    }
+
+    /// Joints on which some force explains a good part of what one on any joint does. A run for each start of each effect on each joint of a
+    /// robot's arm is what a search would mostly do.
+    fn pushed(&self, responses: &[Response], span: &Span, scale: f64) -> Vec<bool> {
+        if !self.many_joints() {
+            return vec![true; responses.len()];
+        }
+        let typical = self.typical_force();
+        let told = |(j, response): (usize, &Response)| flexible::nameless(response, span, scale, typical[j]).map_or(0.0, |n| n.evidence);
+        let evidence: Vec<f64> = responses.par_iter().enumerate().map(told).collect();
+        let most = evidence.iter().copied().fold(0.0, f64::max);
+        evidence.iter().map(|e| *e >= PUSHED * most).collect()
+    }
+
+    /// Fits an effect's numbers in the linear response: where it ends, and how much the sum of squares falls.
+    fn by_response(&self, base: &Fit, response: &Response, span: &Span, t: &Try, scale: f64) -> (Vec<f64>, f64) {
+        let first = base.hypothesis.x.len();
+        let fitted = &t.hypothesis.fitted[first..];
+        let parameters = t.effect.description().parameters;
+        let places: Vec<usize> = fitted
+            .iter()
+            .filter_map(|f| match &f.knob {
+                Knob::Effect(_, name) => parameters.iter().position(|p| p.name == *name),
+                _ => None,
+            })
+            .collect();
+        let errors = |x: &[f64]| {
+            let mut theta = t.values.clone();
+            for ((place, f), x) in places.iter().zip(fitted).zip(x) {
+                theta[*place] = f.value(*x);
+            }
+            span.errors.plus(&span.of(response.errors_of(&response.forces(t.effect, &theta))))
+        };
+        let x = t.hypothesis.x[first..].to_vec();
+        let (x, squares) = crate::fit::minimise(&errors, fitted, x, scale, 8);
+        let mut all = t.hypothesis.x.clone();
+        all[first..].copy_from_slice(&x);
+        (all, span.errors.norm_squared() - squares)
+    }
+
+    /// Has the joint a loss that heat can change?
+    fn wears(&self, fit: &Fit, joint: usize) -> bool {
+        let model = &fit.hypothesis.model;
+        let j = &model.joints[self.joints[joint]];
+        let named = |e: &sagci_model::EffectEntry| {
+            e.joint.as_deref() == Some(j.name.as_str()) && effects::find(&e.effect).is_ok_and(|e| e.description().wears)
+        };
+        j.damping > 0.0 || j.friction > 0.0 || model.document.effects.iter().any(named)
+    }
+}
+
+/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: where a fit begins,
+/// and the fall of the sum of squares along the change that the effect makes.
+fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit, hypothesis: &Hypothesis) -> Option<(Vec<f64>, f64)> {
+    let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
+    let (share, fall) = along(&change, span, reach(base, hypothesis));
+    let mut x = hypothesis.x.clone();
+    // A number that begins near zero begins where the data want it.
+    if let Some(size) = size(base, hypothesis) {
+        x[size] *= share;
+    }
+    fall.is_finite().then_some((x, fall))
+}
+
+/// The first of an effect's numbers that is not zero, if its force is linear in that one.
+fn size(base: &Fit, hypothesis: &Hypothesis) -> Option<usize> {
+    let added = base.hypothesis.x.len()..hypothesis.x.len();
+    let linear = added.clone().all(|i| !hypothesis.fitted[i].logarithmic);
+    added.clone().find(|i| linear && hypothesis.x[*i] != 0.0)
+}
+
+/// How many times what it begins with an effect may be: both ways to its bounds where it is linear, and not far in its own direction where it
+/// is not.
+fn reach(base: &Fit, hypothesis: &Hypothesis) -> [f64; 2] {
+    let Some(size) = size(base, hypothesis) else { return [0.0, 2.0] };
+    let ends = hypothesis.fitted[size].bounds.map(|b| b / hypothesis.x[size]);
+    [ends[0].min(ends[1]), ends[0].max(ends[1])]
+}
+
+/// How often a change brings the sum of squares down most, and by how much it falls; minus infinity where nothing changes.
+fn along(change: &Change, span: &Span, [least, most]: [f64; 2]) -> (f64, f64) {
+    let size = change.norm_squared();
+    if size.is_nan() || size <= 0.0 || least.is_nan() || most.is_nan() {
+        return (1.0, f64::NEG_INFINITY);
+    }
+    let slope = change.dot(&span.errors);
+    let share = (-slope / size).max(least).min(most);
+    (share, -share * (2.0 * slope + share * size))
+}

@@ -1,0 +1,137 @@
+//! What the data of each joint look like to a fitted model: sizes of the forces that it lacks, where they stand out, how they repeat.
+
+use std::f64::consts::TAU;
+
+use nalgebra::DVector;
+
+use crate::GapError;
+use crate::fit::Fit;
+use crate::observer::Run;
+use crate::search::Search;
+use crate::starts::JointView;
+use crate::trajectory::Trajectory;
+
+const BINS: usize = 40;
+
+/// Mean lacking force in bins of position, by the sign of the velocity.
+fn means(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<[f64; 2]> {
+    let mut sums = vec![[0.0f64; 4]; BINS];
+    for [f, q, v, _] in rows {
+        let bin = (((q - low) / (high - low) * BINS as f64) as usize).min(BINS - 1);
+        let side = if *v < 0.0 { 2 } else { 0 };
+        sums[bin][side] += f;
+        sums[bin][side + 1] += 1.0;
+    }
+    sums.iter().map(|s| [s[0] / f64::max(s[1], 5.0), s[2] / f64::max(s[3], 5.0)]).collect()
+}
+
+/// Size of the lacking force, apart from noise.
+fn binned(rows: &[[f64; 4]], low: f64, high: f64) -> f64 {
+    let means = means(rows, low, high);
+    (means.iter().flatten().map(|m| m * m).sum::<f64>() / (2 * BINS) as f64).sqrt()
+}
+
+/// Positions where the lacking force stands out from its neighbours.
+fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
+    let means = means(rows, low, high);
+    let mut scored: Vec<(f64, usize)> = (0..BINS)
+        .map(|b| {
+            let around = |side: usize| (0..BINS).filter(|c| c.abs_diff(b) > 2).map(|c| means[c][side]).sum::<f64>() / (BINS - 5) as f64;
+            ((means[b][0] - around(0)).abs().max((means[b][1] - around(1)).abs()), b)
+        })
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut chosen: Vec<usize> = Vec::new();
+    for (_, b) in scored {
+        if chosen.iter().all(|c| c.abs_diff(b) > 3) {
+            chosen.push(b);
+        }
+    }
+    chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
+}
+
+/// Cycles a turn at which the lacking force repeats over position.
+fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
+    let range = high - low;
+    if rows.is_empty() || range.is_nan() || range <= 0.0 {
+        return Vec::new();
+    }
+    // From two periods over the range to what 400 bins can show.
+    let mut sums = vec![[0.0f64; 2]; 400];
+    for [f, q, _, _] in rows {
+        let bin = (((q - low) / range * 400.0) as usize).min(399);
+        sums[bin][0] += f;
+        sums[bin][1] += 1.0;
+    }
+    let mean = sums.iter().map(|s| s[0]).sum::<f64>() / sums.iter().map(|s| s[1]).sum::<f64>();
+    let values: Vec<f64> = sums.iter().map(|s| if s[1] > 0.0 { s[0] / s[1] - mean } else { 0.0 }).collect();
+    let power = |periods: f64| {
+        let (mut a, mut b) = (0.0, 0.0);
+        for (i, x) in values.iter().enumerate() {
+            let angle = TAU * periods * (i as f64 + 0.5) / 400.0;
+            a += x * angle.cos();
+            b += x * angle.sin();
+        }
+        a * a + b * b
+    };
+    let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p)).collect();
+    let mut peaks: Vec<(f64, f64)> = grid.windows(3).filter(|w| w[1].0 >= w[0].0 && w[1].0 > w[2].0).map(|w| w[1]).collect();
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    peaks.iter().take(3).map(|(_, p)| p * TAU / range).collect()
+}
+
+impl Search<'_> {
+    /// What the data look like to a fitted model, by joint.
+    pub fn views(&self, base: &Fit) -> Result<Vec<JointView>, GapError> {
+        let runs = self.runs(base)?;
+        Ok((0..self.names.len()).map(|j| self.view(base, &runs, j)).collect())
+    }
+
+    /// Forces that the model lacks at a joint, one for each row, with position and velocity: the change of velocity that the filter
+    /// has to make, over the time of the row.
+    pub fn lacking(&self, errors: &DVector<f64>, runs: &[Run], j: usize) -> Vec<[f64; 4]> {
+        let mut rows = Vec::new();
+        let mut at = 0;
+        for (trajectory, run) in self.problem.trajectories.iter().zip(runs) {
+            let gains = &run.gains;
+            let n = trajectory.joints;
+            for k in 0..trajectory.rows() {
+                let i = k * n + j;
+                // Lacking `dtau` slows: its sign is opposite to the correction's.
+                let force = -self.inertias[j] * gains.acceleration(trajectory, k, j) * errors[at + i] * gains.deviation(i);
+                if gains.deviation(i).is_finite() && trajectory.position[i].is_finite() {
+                    rows.push([force, run.q[i], run.v[i], trajectory.time[k]]);
+                }
+            }
+            at += trajectory.rows() * n;
+        }
+        rows
+    }
+
+    fn view(&self, base: &Fit, runs: &[Run], j: usize) -> JointView {
+        let rows = self.lacking(&base.errors, runs, j);
+        let rms = |i: usize| (rows.iter().map(|r| r[i] * r[i]).sum::<f64>() / rows.len().max(1) as f64).sqrt();
+        let (low, high) = rows.iter().fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
+        let model = &base.hypothesis.model;
+        let joint = &model.joints[self.joints[j]];
+        let link = &model.links[joint.child].inertial;
+        // What the drive makes of its command, not the command.
+        let efforts = runs.iter().flat_map(|r| r.tau.iter().skip(j).step_by(self.names.len())).filter(|u| u.is_finite());
+        let p = link.p_LoLcm;
+        JointView {
+            force: binned(&rows, low, high).max(1e-6),
+            speed: rms(2),
+            range: [low, high],
+            turns: joint.kind != sagci_model::JointKind::Prismatic,
+            inertia: self.inertias[j],
+            effort: efforts.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
+            places: places(&rows, low, high),
+            cycles: cycles(&rows, low, high),
+            duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
+            period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
+            mass: link.mass,
+            p_LoLcm: [p.x, p.y, p.z],
+            axis: [joint.axis.x, joint.axis.y, joint.axis.z],
+        }
+    }
+}
