@@ -100,7 +100,11 @@ pub struct Gap {
     /// Publish also what held-out data do not confirm.
     #[arg(long, requires = "apply")]
     pub accept_unconfirmed: bool,
-    /// Folder for gap.json, report.html, model.urdf and model.yaml.
+    /// Do the next experiment on the measured world by this script, such as scripts/experiment.rhai, and go on with what it recorded: twice at
+    /// the most. The world has the seed of this command.
+    #[arg(long, value_name = "SCRIPT")]
+    pub experiment: Option<PathBuf>,
+    /// Folder for gap.json, report.html, model.urdf and model.yaml, and for recordings of experiments.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Length of the windows over which positions are predicted, s.

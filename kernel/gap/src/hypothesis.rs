@@ -209,6 +209,17 @@ impl Hypothesis {
         self
     }
 
+    /// The same, its losses as the model states them, if one of them is off by more than so many standard deviations of its prior: without
+    /// what is missing it may have been fitted to where a fit with it does not find back from.
+    pub fn as_given(&self, deviations: f64) -> Option<Self> {
+        let loss = |f: &Fitted| matches!(f.knob, Knob::Damping(_) | Knob::Friction(_));
+        let off = |f: &Fitted, x: f64| loss(f) && (x - f.prior[0]).abs() > deviations * f.prior[1];
+        self.fitted.iter().zip(&self.x).any(|(f, x)| off(f, *x)).then(|| {
+            let x = self.fitted.iter().zip(&self.x).map(|(f, x)| if loss(f) { f.prior[0] } else { *x }).collect();
+            Self { x, ..self.clone() }
+        })
+    }
+
     /// The same without one of its effects.
     pub fn without(&self, entry: usize) -> Self {
         let mut this = self.clone();

@@ -188,6 +188,10 @@ pub struct Experiment {
 }
 
 impl Experiment {
+    /// Names of the numbers that are positions of the joint, or lengths along its way.
+    pub const POSITIONS: [&str; 11] =
+        ["low", "high", "slow_low", "slow_high", "middle", "amplitude", "first_amplitude", "last_amplitude", "position", "first", "second"];
+
     /// Writes the command that goes on once it is recorded beside the data that there are, all as the command line takes them.
     pub fn goes_on(mut self, model: &str, data: &str, held_out: &str) -> Self {
         let held_out = if held_out.is_empty() { String::new() } else { format!(" --held-out {held_out}") };

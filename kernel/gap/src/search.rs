@@ -11,7 +11,7 @@ use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
-use crate::screen::NEAR;
+use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbour};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
@@ -51,6 +51,8 @@ const FINALISTS: usize = 6;
 const FEWER: usize = 4;
 /// Share of the evidence that an effect may be behind the best one over a part of the data, to be fitted over all of them.
 const FAR: f64 = 0.05;
+/// Standard deviations of its prior by which a known number has been led astray by what is missing.
+const LED_ASTRAY: f64 = 0.5;
 /// Of how many of the best a neighbour begins where they end.
 const NEIGHBOURS: usize = 3;
 /// Joints on each of which everything is tried, and derivatives are taken from runs.
@@ -188,6 +190,7 @@ impl<'a> Search<'a> {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
+            let known = if fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::FRESH };
             let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
             let evidence = self.evidence(&fit, scale);
             evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
@@ -197,8 +200,12 @@ impl<'a> Search<'a> {
             let mut seen = BTreeSet::new();
             candidates.retain(|c| seen.insert((c.effect, c.joint)));
         };
-        let screened = self.screen(base, views, scale)?;
-        let mut begun: Vec<Candidate> = screened.into_par_iter().filter_map(|s| first(s.effect, s.joint, s.hypothesis)).collect();
+        let mut begins: Vec<(&str, Option<usize>, Hypothesis)> = Vec::new();
+        for Screened { effect, joint, hypothesis, .. } in self.screen(base, views, scale)? {
+            begins.extend(hypothesis.as_given(LED_ASTRAY).filter(|_| !self.many_joints()).map(|given| (effect, joint, given)));
+            begins.push((effect, joint, hypothesis));
+        }
+        let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
         best(&mut begun);
         let beside = |c: &Candidate| {
             let j = c.joint?;

@@ -83,7 +83,8 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             at.iter().take(4).flat_map(|p| each(&|w| vec![4.0 * f, 1.5 * f, *p, w * r], &[0.02, 0.08])).collect()
         }
         "detent" => places.iter().flat_map(|p| each(&|w| vec![2.0 * f, *p, w * r], &[0.02, 0.06])).collect(),
-        "soft_close_damper" => each(&|s| vec![2.0 * f / v, low + s * r, 0.5 * f / r], &[0.15, 0.35, 0.6]),
+        // Its force jumps where the cartridge catches, and a fit does not find there from afar.
+        "soft_close_damper" => (2..20).map(|i| vec![2.0 * f / v, low + 0.05 * f64::from(i) * r, 0.5 * f / r]).collect(),
         "hard_stop" => {
             let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
             vec![vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]]

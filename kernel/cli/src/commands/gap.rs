@@ -1,13 +1,15 @@
 use std::path::{Path, PathBuf};
 
-use sagci_gap::report::{Report, Verdict};
+use sagci_gap::report::{Experiment, Report, Verdict};
 use sagci_gap::{Found, GapError, Options, find, page};
 use sagci_library::Evidence;
-use sagci_model::{DOCUMENT_FILE, ObjectModel, URDF_FILE};
+use sagci_model::{DOCUMENT_FILE, JointKind, ObjectModel, URDF_FILE};
 use sagci_recording::{Log, RecordingError};
+use sagci_script::language::stage::{AskedExperiment, Quantity};
+use sagci_script::language::value::{Angle, Length};
 
 use crate::arguments::{Angles, Format, Gap, Places};
-use crate::commands::print;
+use crate::commands::{print, run};
 use crate::error::CliError;
 use crate::place;
 use crate::table::table;
@@ -72,7 +74,16 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         check_folder(folder, &given)?;
     }
     let unreadable = |e: RecordingError| CliError::Other(e.to_string());
-    let train = logs(&arguments.data, &given, arguments.angles).map_err(unreadable)?;
+    if let (Some(script), None) = (&arguments.experiment, &stored) {
+        let message = format!(
+            "--experiment needs an object of the library, which {} can expect in the measured world, and {} is a path",
+            script.display(),
+            arguments.model
+        );
+        return Err(CliError::Other(message));
+    }
+    let mut data = arguments.data.clone();
+    let mut train = logs(&data, &given, arguments.angles).map_err(unreadable)?;
     let mut notes = Vec::new();
     let held_out = match logs(&arguments.held_out, &given, arguments.angles) {
         _ if arguments.held_out.is_empty() => Vec::new(),
@@ -86,13 +97,24 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
     let progress = |text: &str| eprintln!("{text} ...");
     let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress), ..Options::default() };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
+    for number in 1..=EXPERIMENTS {
+        let (Some(script), Some(next)) = (&arguments.experiment, &found.report.next_experiment) else { break };
+        let done = perform(script, next, &given, number, arguments)?;
+        notes.push(done.note);
+        if done.recordings.is_empty() {
+            break;
+        }
+        data.extend(done.recordings);
+        train = logs(&data, &given, arguments.angles).map_err(unreadable)?;
+        found = find(&given, &train, &held_out, &options).map_err(wrong)?;
+    }
     found.report.notes.extend(notes);
     if let Some(folder) = &arguments.out {
         found.report.model = folder.join("model.urdf").display().to_string();
     }
     if let Some(next) = found.report.next_experiment.take() {
         let list = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" ");
-        found.report.next_experiment = Some(next.goes_on(&arguments.model, &list(&arguments.data), &list(&arguments.held_out)));
+        found.report.next_experiment = Some(next.goes_on(&arguments.model, &list(&data), &list(&arguments.held_out)));
     }
     // The answer is told also where it could not be published.
     let published = match &stored {
@@ -120,6 +142,48 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         Format::Text => print(&text(&found.report)),
     }
     published.map(|()| true)
+}
+
+/// Experiments that are done for one answer, at the most.
+const EXPERIMENTS: usize = 2;
+
+/// What came of an experiment.
+struct Done {
+    recordings: Vec<PathBuf>,
+    note: String,
+}
+
+/// Lets a script do an experiment on the measured world.
+fn perform(script: &Path, next: &Experiment, model: &ObjectModel, number: usize, arguments: &Gap) -> Result<Done, CliError> {
+    eprintln!("experiment {number}: {} on {} ...", next.name, next.joint);
+    let slides = model.joint(&next.joint).is_some_and(|j| model.joints[j].kind == JointKind::Prismatic);
+    let (positions, numbers): (Vec<_>, Vec<_>) =
+        next.reference.numbers.iter().partition(|(name, _)| Experiment::POSITIONS.contains(&name.as_str()));
+    let at = |x: f64| if slides { Quantity::Length(Length(x)) } else { Quantity::Angle(Angle(x)) };
+    let asked = AskedExperiment {
+        object: arguments.model.clone(),
+        joint: next.joint.clone(),
+        kind: next.name.clone(),
+        positions: positions.into_iter().map(|(name, x)| (name.clone(), at(*x))).collect(),
+        numbers: numbers.into_iter().map(|(name, x)| (name.clone(), *x)).collect(),
+        slides,
+        reason: next.reason.clone(),
+    };
+    let folder = arguments.out.clone().unwrap_or_else(|| run::new_folder(script)).join(format!("experiment-{number}"));
+    let report = run::experiment(script, asked, &arguments.places, arguments.seed, folder.clone())?;
+    let io = |source| CliError::File { path: folder.clone(), source };
+    let mut recordings: Vec<PathBuf> = std::fs::read_dir(&folder)
+        .map_err(io)?
+        .map(|entry| entry.map(|e| e.path()))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(io)?
+        .into_iter()
+        .filter(|p| p.extension().is_some_and(|e| e == "csv"))
+        .collect();
+    recordings.sort();
+    let ended = report.failure.map_or_else(String::new, |f| format!("; it ended early: {}", f.message));
+    let note = format!("experiment {number}, {}: {} recording(s) in {}{ended}", next.name, recordings.len(), folder.display());
+    Ok(Done { recordings, note })
 }
 
 fn json(report: &Report) -> Result<String, CliError> {

@@ -8,11 +8,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use sagci_script::LibraryModels;
 use sagci_script::host::report::{Figure, Rate, RunReport, StepStatus};
 use sagci_script::host::{BROKEN, Kit, Registration, RunError, RunOptions, WorldSource, run_many};
+use sagci_script::language::stage::AskedExperiment;
 use sagci_world::recording::{Journal, RecordedWorld, RunRecord};
 use sagci_world::{RapierWorld, World, WorldOptions, open};
 use serde::Serialize;
 
-use crate::arguments::{Format, Run};
+use crate::arguments::{Format, Places, Run};
 use crate::commands::print;
 use crate::error::CliError;
 use crate::place;
@@ -57,6 +58,27 @@ struct Batch<'a> {
     reports: &'a [RunReport],
 }
 
+/// Runs a script once on the measured world, asked to do an experiment: the folder that `out` names gets what it records.
+pub fn experiment(script: &Path, asked: AskedExperiment, places: &Places, seed: u64, out: PathBuf) -> Result<RunReport, CliError> {
+    let watcher = Arc::new(Watcher::new(false));
+    let kit = Kit {
+        skills: Arc::new(place::skills(places, Some(script), watcher.sink())?),
+        models: Arc::new(LibraryModels::new(place::library(places, Some(script))?)),
+        worlds: Some(Arc::new(Worlds { kind: "rapier".to_owned() })),
+        perceive: Arc::new(Registration),
+        progress: watcher,
+        cancel: Arc::default(),
+    };
+    sagci_script::host::run(script, &kit, &RunOptions { seed, out: Some(out), asked: Some(asked) }).map_err(failed)
+}
+
+fn failed(error: RunError) -> CliError {
+    match error {
+        RunError::Script(problems) => CliError::Script(problems),
+        RunError::Broken(message) => CliError::Other(message),
+    }
+}
+
 /// Runs a script, once or several times.
 pub fn run(arguments: &Run) -> Result<bool, CliError> {
     let script = &arguments.script;
@@ -74,14 +96,11 @@ pub fn run(arguments: &Run) -> Result<bool, CliError> {
         progress: watcher,
         cancel,
     };
-    let options = RunOptions { seed: arguments.seed, out: out.clone() };
+    let options = RunOptions { seed: arguments.seed, out: out.clone(), asked: None };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut reports = Vec::new();
     for report in run_many(script, &kit, &options, arguments.runs as usize, threads) {
-        reports.push(report.map_err(|e| match e {
-            RunError::Script(problems) => CliError::Script(problems),
-            RunError::Broken(message) => CliError::Other(message),
-        })?);
+        reports.push(report.map_err(failed)?);
     }
     let successes = reports.iter().filter(|r| r.success).count();
     let success = successes == arguments.runs as usize;
@@ -121,7 +140,7 @@ fn cancel_on_interrupt() -> Result<Arc<AtomicBool>, CliError> {
 }
 
 /// `runs/<script>-<time>`.
-fn new_folder(script: &Path) -> PathBuf {
+pub fn new_folder(script: &Path) -> PathBuf {
     let name = script.file_stem().map_or_else(|| "run".to_owned(), |n| n.to_string_lossy().into_owned());
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let (year, month, day) = civil(now / 86_400);

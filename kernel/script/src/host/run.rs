@@ -25,7 +25,7 @@ use super::scene::Declared;
 use super::step::{Calling, failure};
 use crate::language::engine::{Surroundings, code_name};
 use crate::language::execute::{End, execute};
-use crate::language::stage::{Declaration, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
+use crate::language::stage::{AskedExperiment, Declaration, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
 use crate::language::value::{Angle, Length, RunHandle, argument_words};
 use crate::plugins::{LoadedSkill, SkillSet};
 use crate::{Diagnostic, Models};
@@ -64,6 +64,8 @@ pub struct RunOptions {
     pub seed: u64,
     /// Folder for recordings; none are written without it.
     pub out: Option<PathBuf>,
+    /// What `asked_experiment()` answers.
+    pub asked: Option<AskedExperiment>,
 }
 
 /// Why there is no report: the script or the tool is wrong.
@@ -550,6 +552,10 @@ impl Stage for Host {
 
     fn gap(&mut self, request: &GapRequest) -> Result<GapAnswer, Stop> {
         self.close_gap(request)
+    }
+
+    fn asked(&self) -> Option<AskedExperiment> {
+        self.options.asked.clone()
     }
 
     fn prediction_error(&mut self, object: &str, run: RunHandle) -> Result<Quantity, Stop> {

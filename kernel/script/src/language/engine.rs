@@ -14,7 +14,7 @@ use sagci_skill::{Argument, Failure};
 
 use super::bind::{Given, bind};
 use super::modules::ConfinedModules;
-use super::stage::{Declaration, DeclaredPlace, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
+use super::stage::{AskedExperiment, Declaration, DeclaredPlace, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop};
 use super::value::{self, Angle, At, Facing, Inside, Kind, Length, ObjectHandle, RunHandle, SceneHandle};
 use crate::plugins::LoadedSkill;
 
@@ -158,6 +158,10 @@ impl Stage for Nowhere {
 
     fn gap(&mut self, _: &GapRequest) -> Result<GapAnswer, Stop> {
         Err(Stop::Interrupted)
+    }
+
+    fn asked(&self) -> Option<AskedExperiment> {
+        None
     }
 
     fn prediction_error(&mut self, _: &str, _: RunHandle) -> Result<Quantity, Stop> {

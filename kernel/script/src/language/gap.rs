@@ -7,12 +7,16 @@
 //! gap(object, runs)                        // what the model lacks; `runs` is a run or an array of runs
 //! gap(object, runs, #{apply: true})        // publishes the better model, and plans with it from then on
 //! object.version                           // the version of the model that is planned with now
+//! asked_experiment()                       // what `sagci gap --experiment SCRIPT` asks the script to do; `()` where nothing does
 //! ```
 //!
 //! Options of `gap`: `held_out` (a run or runs that no fit sees; without it, a part of three runs or more is set aside), `apply`,
 //! `accept_unconfirmed` (publish also what held-out runs do not confirm), `window` (s, 1 unless said). It answers a map:
 //! `verdict` (`no_gap`, `named`, `ambiguous`, `unknown`), `effects` (each with `name`, `alternatives`, `joint`, `parameters`, `confirmed`),
 //! `before`, `refitted`, `after`, `noise_floor` (an angle or a length), `version` (of what was published, or `()`), `notes`.
+//!
+//! An asked experiment is a map: `object` (its name in the library), `joint`, `slides`, `kind` (such as `two_speeds`), `reason`, the
+//! positions between which it goes by their names (`low`, `high`, ...: angles or lengths), and its other numbers (`speed`, `dwell`, ...).
 
 use std::any::TypeId;
 use std::cell::RefCell;
@@ -21,7 +25,7 @@ use std::rc::Rc;
 use rhai::{Array, Dynamic, Engine, Map, NativeCallContext, Position};
 
 use super::engine::{Raised, quantity_value, refuse, refuse_with, stopped};
-use super::stage::{FoundEffect, GapAnswer, GapRequest, Stage};
+use super::stage::{AskedExperiment, FoundEffect, GapAnswer, GapRequest, Stage};
 use super::suggest::hint_among;
 use super::value::{Kind, ObjectHandle, RunHandle, SceneHandle, number};
 
@@ -42,6 +46,8 @@ pub(super) fn register(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     engine.register_fn("last_run", move |context: NativeCallContext| {
         keeper.borrow_mut().last_run().map_err(|r| refuse(r, context.call_position()))
     });
+    let asker = stage.clone();
+    engine.register_fn("asked_experiment", move || asker.borrow().asked().map_or(Dynamic::UNIT, |a| Dynamic::from(asked_map(&a))));
     let library = stage.clone();
     engine.register_get("version", move |context: NativeCallContext, object: &mut ObjectHandle| {
         library.borrow_mut().version(&object.name).map_err(|r| refuse(r, context.call_position()))
@@ -126,6 +132,19 @@ fn runs(value: Option<&Dynamic>, needs: &str, position: Position) -> Result<Vec<
         item.try_cast::<RunHandle>().ok_or_else(|| refuse_with(position, format!("{needs}, and is given {is}"), GAP_HINT))
     };
     items.into_iter().map(run).collect()
+}
+
+fn asked_map(asked: &AskedExperiment) -> Map {
+    let mut map = Map::from([
+        ("object".into(), asked.object.clone().into()),
+        ("joint".into(), asked.joint.clone().into()),
+        ("kind".into(), asked.kind.clone().into()),
+        ("reason".into(), asked.reason.clone().into()),
+        ("slides".into(), asked.slides.into()),
+    ]);
+    map.extend(asked.positions.iter().map(|(name, at)| (name.as_str().into(), quantity_value(*at))));
+    map.extend(asked.numbers.iter().map(|(name, x)| (name.as_str().into(), Dynamic::from(*x))));
+    map
 }
 
 fn answer_map(answer: &GapAnswer) -> Map {

@@ -115,6 +115,25 @@ pub struct FoundEffect {
     pub confirmed: bool,
 }
 
+/// An experiment that tells apart what the data so far do not, as far as a hand that opens and shuts can do it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AskedExperiment {
+    /// Name of the object in the library.
+    pub object: String,
+    /// Its joint.
+    pub joint: String,
+    /// The experiment, such as `quasi_static_sweep`.
+    pub kind: String,
+    /// Positions between which it goes.
+    pub positions: BTreeMap<String, Quantity>,
+    /// Its other numbers, SI units.
+    pub numbers: BTreeMap<String, f64>,
+    /// The joint slides.
+    pub slides: bool,
+    /// What to do and why, for a person.
+    pub reason: String,
+}
+
 /// Why a skill call did not end well.
 #[derive(Debug)]
 pub enum Stop {
@@ -150,6 +169,9 @@ pub trait Stage {
 
     /// `gap(object, runs, ...)`.
     fn gap(&mut self, request: &GapRequest) -> Result<GapAnswer, Stop>;
+
+    /// `asked_experiment()`: what the gap workflow asks to be done next, if it runs the script.
+    fn asked(&self) -> Option<AskedExperiment>;
 
     /// `prediction_error(object, run)`: RMSE of the positions that the object's model predicts for a run.
     fn prediction_error(&mut self, object: &str, run: RunHandle) -> Result<Quantity, Stop>;
