@@ -87,7 +87,7 @@ impl Bench {
     }
 
     fn run(&self, text: &str) -> Result<RunReport, RunError> {
-        run(&self.script(text), &self.kit, &RunOptions { seed: 7, out: None })
+        run(&self.script(text), &self.kit, &RunOptions { seed: 7, out: None, asked: None })
     }
 }
 
@@ -302,7 +302,7 @@ fn runs_over_several_cores_give_the_same_reports_as_runs_one_by_one() {
     let bench = Bench::new(nudge());
     let script = bench.script("nudge(chest); nudge(cube);");
     let reports = |threads| {
-        let reports = run_many(&script, &bench.kit, &RunOptions { seed: 3, out: None }, 4, threads);
+        let reports = run_many(&script, &bench.kit, &RunOptions { seed: 3, out: None, asked: None }, 4, threads);
         reports
             .into_iter()
             .map(|r| {

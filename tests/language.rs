@@ -13,7 +13,7 @@ use sagci_script::language::check::check;
 use sagci_script::language::engine::Surroundings;
 use sagci_script::language::execute::{End, execute};
 use sagci_script::language::stage::{
-    Declaration, DeclaredPlace, FoundEffect, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop,
+    AskedExperiment, Declaration, DeclaredPlace, FoundEffect, GapAnswer, GapRequest, Outcome, Quantity, Refusal, Stage, Stop,
 };
 use sagci_script::language::value::{Angle, Length, RunHandle};
 use sagci_script::plugins::{BrokenSkill, LoadedSkill, SkillSet};
@@ -29,6 +29,7 @@ struct Recorder {
     cancel_on_call: Option<Arc<AtomicBool>>,
     hidden: Vec<(String, Option<String>)>,
     asked: Vec<GapRequest>,
+    experiment: Option<AskedExperiment>,
 }
 
 impl Stage for Recorder {
@@ -92,6 +93,10 @@ impl Stage for Recorder {
         })
     }
 
+    fn asked(&self) -> Option<AskedExperiment> {
+        self.experiment.clone()
+    }
+
     fn prediction_error(&mut self, _: &str, run: RunHandle) -> Result<Quantity, Stop> {
         Ok(Quantity::Angle(Angle(0.1 / (run.0 + 1) as f64)))
     }
@@ -139,8 +144,16 @@ fn run_with(text: &str, prepare: impl FnOnce(&mut Recorder, &Arc<AtomicBool>, &P
     let folder = tempfile::tempdir().unwrap();
     let script = write(folder.path().join("task.rhai"), text);
     let cancel = Arc::new(AtomicBool::new(false));
-    let mut recorder =
-        Recorder { declared: vec![], calls: vec![], said: vec![], fail: None, cancel_on_call: None, hidden: vec![], asked: vec![] };
+    let mut recorder = Recorder {
+        declared: vec![],
+        calls: vec![],
+        said: vec![],
+        fail: None,
+        cancel_on_call: None,
+        hidden: vec![],
+        asked: vec![],
+        experiment: None,
+    };
     prepare(&mut recorder, &cancel, folder.path());
     let stage = Rc::new(RefCell::new(recorder));
     let end = execute(&script, Surroundings { skills: skills().loaded, stage: stage.clone(), cancel });
@@ -454,6 +467,28 @@ fn a_gap_that_is_asked_for_wrongly_is_found_before_anything_moves() {
     }
     let End::Wrong(wrong) = run(&format!("{CHEST}last_run();")).end else { panic!() };
     assert!(wrong.to_string().contains("no skill has moved a joint yet"), "{wrong}");
+}
+
+#[test]
+fn a_script_is_told_which_experiment_is_asked_for_in_units_that_skills_take() {
+    let text = format!(
+        "{CHEST}let asked = asked_experiment(); if asked == () {{ throw \"nothing is asked\" }} nudge(chest, asked.high); \
+         print(`${{asked.kind}} of ${{asked.object}}'s ${{asked.joint}} at ${{asked.speed}}, slides: ${{asked.slides}}`);"
+    );
+    let End::Failed { diagnostic, .. } = run(&text).end else { panic!() };
+    assert!(diagnostic.to_string().contains("nothing is asked"), "{diagnostic}");
+    let asked = AskedExperiment {
+        object: "chest".into(),
+        joint: "lid_hinge".into(),
+        kind: "two_speeds".into(),
+        positions: [("high".to_owned(), Quantity::Angle(Angle(0.5)))].into(),
+        numbers: [("speed".to_owned(), 0.25)].into(),
+        slides: false,
+        reason: "slow and fast".into(),
+    };
+    let ran = run_with(&text, |stage, _, _| stage.experiment = Some(asked));
+    assert_eq!((ran.end, ran.stage.said), (End::Done, vec!["two_speeds of chest's lid_hinge at 0.25, slides: false".to_owned()]));
+    assert_eq!(ran.stage.calls.len(), 1);
 }
 
 #[test]

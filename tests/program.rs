@@ -211,6 +211,32 @@ fn what_cannot_be_reached_is_a_failed_task_that_says_why_and_at_which_stage() {
     assert!(!report["failure"]["stage"].as_str().unwrap().is_empty());
 }
 
+/// Without the spring, the door's stated friction is fitted to something far off, and no fit with the spring finds back from there: it was named
+/// a tilt and a detent.
+#[test]
+fn a_spring_is_named_though_a_stated_friction_hid_it() {
+    let felt = |name: &str| root().join("tests/fixtures/felt_spring").join(name).display().to_string();
+    let data = ["open_1.csv", "open_2.csv", "close.csv"].map(felt);
+    let mut arguments = vec!["gap", "microwave", "--format", "json", "--data"];
+    arguments.extend(data.iter().map(String::as_str));
+    let said = sagci(&arguments);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let report: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    let first = &report["effects"][0];
+    assert_eq!(first["name"], "joint_spring", "{report:#}");
+    let stiffness = first["parameters"]["stiffness"]["value"].as_f64().unwrap();
+    assert!((1.7..2.2).contains(&stiffness), "{stiffness}");
+}
+
+#[test]
+fn an_experiment_is_done_with_an_object_of_the_library_only() {
+    let model = root().join("tests/measured/pr2_cabinet").display().to_string();
+    let pull = root().join("tests/measured/pr2_cabinet/pull_1.csv").display().to_string();
+    let said = sagci(&["gap", &model, "--data", &pull, "--experiment", "scripts/experiment.rhai"]);
+    assert_eq!(said.code, 2);
+    assert!(said.err.contains("--experiment needs an object of the library"), "{}", said.err);
+}
+
 #[test]
 fn the_scripts_that_ship_pass_the_check() {
     for path in files(&root().join("scripts")).iter().filter(|p| p.extension().is_some_and(|e| e == "rhai")) {

@@ -57,14 +57,13 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Finds the gap with a library of its own; answers the report.
-fn find_the_gap(seed: u64, library: &Path) -> serde_json::Value {
+/// Finds the gap with a library of its own, its recordings in `out`; answers the report.
+fn find_the_gap(seed: u64, library: &Path, out: &Path) -> serde_json::Value {
     copy(&root().join("world-models"), library);
-    let out = tempfile::tempdir().unwrap();
     let output = Command::new(program())
         .current_dir(root())
         .env_remove("SAGCI_SKILLS")
-        .args(["run", "scripts/find_the_gap.rhai", "--seed", &seed.to_string(), "--format", "json", "--out", out.path().to_str().unwrap()])
+        .args(["run", "scripts/find_the_gap.rhai", "--seed", &seed.to_string(), "--format", "json", "--out", out.to_str().unwrap()])
         .args([Path::new("--models"), library])
         .output()
         .unwrap();
@@ -73,8 +72,8 @@ fn find_the_gap(seed: u64, library: &Path) -> serde_json::Value {
 
 #[test]
 fn what_the_door_hides_is_named_from_what_the_hand_felt_and_the_next_task_plans_with_it() {
-    let library = tempfile::tempdir().unwrap();
-    let report = find_the_gap(1, library.path());
+    let (library, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let report = find_the_gap(1, library.path(), out.path());
     assert_eq!(report["success"], true, "what the door hides is not named: {report:#}");
     let gap = &report["gaps"][0];
     let figure = |name: &str| gap[name].as_f64().unwrap();
@@ -84,4 +83,30 @@ fn what_the_door_hides_is_named_from_what_the_hand_felt_and_the_next_task_plans_
     let next = run_with("scripts/warm_mug.rhai", 1, library.path());
     let used = next["versions"]["models"].as_array().unwrap().iter().find(|m| m["name"] == "microwave").unwrap();
     assert_eq!(used["version"], version, "the next task does not use the better model");
+    the_experiment_that_is_asked_for_is_done_and_its_recordings_are_used(out.path());
+}
+
+/// One run alone leaves something open. `recordings` are those of the run with seed 1.
+fn the_experiment_that_is_asked_for_is_done_and_its_recordings_are_used(recordings: &Path) {
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("brief.rhai");
+    let text = "let wanted = asked_experiment();
+        let door = scene.expect(wanted.object, at(cm(90), cm(-5)), facing(deg(-90)));
+        scene.hidden_effect(door);
+        open(door, deg(50), #{pace: 1.5});
+        close(door, #{pace: 0.7});";
+    std::fs::write(&script, text).unwrap();
+    let output = Command::new(program())
+        .current_dir(root())
+        .env_remove("SAGCI_SKILLS")
+        .args(["gap", "microwave", "--seed", "1", "--format", "json", "--data"])
+        .arg(recordings.join("seed-1.run-1.hold-1.csv"))
+        .args([Path::new("--experiment"), &script, Path::new("--out"), &folder.path().join("found")])
+        .args(["--models", "world-models", "--skills", "skills"])
+        .output()
+        .unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let notes = report["notes"].to_string();
+    assert!(notes.contains("experiment 1") && notes.contains("2 recording(s)"), "{notes}");
+    assert!(folder.path().join("found/experiment-1/seed-1.run-2.hold-1.csv").is_file(), "{notes}");
 }

@@ -309,7 +309,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     found.state_in_urdf();
     let refused = |(name, gain): &(&str, f64)| Reason {
         name: (*name).into(),
-        reason: format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} and more is asked for"),
+        reason: match *gain > CONVINCING {
+            false => format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} and more is asked for"),
+            true => "its force is below what any model is off by, or the errors that it explains hang together too much to tell".to_owned(),
+        },
     };
     let mut rejected: Vec<Reason> = lost.iter().take(5).map(refused).collect();
     rejected.extend(contradicted);
