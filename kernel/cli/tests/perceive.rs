@@ -9,7 +9,7 @@ use sagci_furniture::{Category, Labelled, Look, Noise, Random, families, look};
 fn seen(views: usize) -> Labelled {
     let mut random = Random::new(11, "tests of the program");
     let object = families(Category::Microwave, true)[0].draw(&mut random);
-    let how = Look { views, width: 240, points: 12_000, surroundings: false, noise: Noise::draw(&mut random) };
+    let how = Look { views, width: 240, points: 12_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
     look(&object, &how, &mut random)
 }
 

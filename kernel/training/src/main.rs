@@ -16,7 +16,7 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Objects that are learned from.
-    #[arg(long, default_value_t = 3500)]
+    #[arg(long, default_value_t = 8000)]
     objects: u64,
     /// How often each is seen.
     #[arg(long, default_value_t = 8)]
