@@ -4,7 +4,8 @@ use nalgebra::{Point3, Rotation3};
 
 use crate::grid::Grid;
 use crate::superpoint::{Regions, Scale, Superpoint};
-use crate::{ModellingError, frame, ground, normal, prepare};
+use crate::prepare::Thinned;
+use crate::{ModellingError, background, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
 pub struct Analysis {
@@ -45,9 +46,29 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
+    let Some(before) = background::before_walls(&thinned, extent(&thinned), spaced(&thinned)) else { return look_at(input, thinned, notes) };
+    notes.push("a wall behind the object was left out".to_owned());
+    // Once more without the walls: what is left may be much smaller.
+    let usable = |i: usize| thinned.of_input[i].is_some_and(|k| before[k as usize]);
+    let nowhere = Point3::from(nalgebra::Vector3::repeat(f64::NAN));
+    let left: Vec<Point3<f64>> = (0..input.len()).map(|i| if usable(i) { input[i] * thinned.factor } else { nowhere }).collect();
+    let mut all = look_at(&left, prepare::thin(&left)?, notes)?;
+    all.iter_mut().for_each(|a| a.factor = thinned.factor);
+    Ok(all)
+}
+
+fn extent(thinned: &Thinned) -> f64 {
     let (low, high) = bounds(&thinned.points);
-    let diagonal = (high - low).norm();
-    let spacing = spacing(&thinned.points, diagonal).max(thinned.cell);
+    (high - low).norm()
+}
+
+fn spaced(thinned: &Thinned) -> f64 {
+    spacing(&thinned.points, extent(thinned)).max(thinned.cell)
+}
+
+/// The same of a cloud without a wall.
+fn look_at(input: &[Point3<f64>], thinned: Thinned, mut notes: Vec<String>) -> Result<Vec<Analysis>, ModellingError> {
+    let (diagonal, spacing) = (extent(&thinned), spaced(&thinned));
     let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
     let grid = Grid::new(&thinned.points, radius);
     let local = normal::normals(&thinned.points, &grid, radius);
@@ -134,6 +155,16 @@ impl Analysis {
     /// Number of superpoints.
     pub fn pieces(&self) -> usize {
         self.superpoints.len()
+    }
+
+    /// Of each input point, is it the object's? What is not is a wall's, a floor's or a crumb's.
+    pub fn object_points(&self) -> Vec<bool> {
+        self.of_input.iter().map(Option::is_some).collect()
+    }
+
+    /// What is worth telling a person.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Of each input point the superpoint that holds it.

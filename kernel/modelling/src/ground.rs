@@ -14,21 +14,27 @@ pub(crate) struct Cleared {
     pub(crate) support: Option<f64>,
 }
 
+/// The lowest height at which much is level, and how far above and below it that reaches, m.
+pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], cell: f64) -> Option<(f64, f64)> {
+    let level: Vec<usize> = (0..points.len()).filter(|i| local[*i].normal.z.abs() > 0.94).collect();
+    let mut heights: Vec<f64> = level.iter().map(|i| points[*i].z).collect();
+    heights.sort_by(f64::total_cmp);
+    // Far away a floor is as thick as the camera's noise.
+    let mut residuals: Vec<f64> = level.iter().map(|i| local[*i].residual).filter(|r| r.is_finite()).collect();
+    residuals.sort_by(f64::total_cmp);
+    let noise = residuals.get(residuals.len() / 2).copied().unwrap_or_default();
+    let band = (3.0 * cell).max(0.012).max(3.0 * noise);
+    heights.iter().enumerate().find_map(|(k, z)| {
+        let within = heights[k..].partition_point(|h| *h < z + band);
+        (within > points.len() / 25).then(|| (heights[k + within / 2], band))
+    })
+}
+
 /// Takes the support away.
 pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Cleared {
     let all = Cleared { object: vec![true; points.len()], support: None };
-    let level = |i: &usize| local[*i].normal.z.abs() > 0.94;
-    let band = (3.0 * cell).max(0.012);
-    // The lowest height at which much is level.
     let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let mut heights: Vec<f64> = (0..points.len()).filter(level).map(|i| points[i].z).collect();
-    heights.sort_by(f64::total_cmp);
-    let Some(z) = heights.iter().enumerate().find_map(|(k, z)| {
-        let within = heights[k..].iter().take_while(|h| **h < z + band).count();
-        (within > points.len() / 25).then(|| heights[k + within / 2])
-    }) else {
-        return all;
-    };
+    let Some((z, band)) = lowest_level(points, local, cell) else { return all };
     // Little may lie below it.
     if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 || z > lowest + 0.3 {
         return all;
