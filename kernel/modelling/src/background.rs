@@ -22,7 +22,7 @@ const SHARE: f64 = 0.08;
 /// Nearer to a wall than this is in it, m: a frame, a handle, a leaf that is set forward.
 const IN_WALL: f64 = 0.12;
 /// Least share of what is no wall that lies farther out; of that, least shares in one plane along the wall, or on level surfaces.
-const BEFORE: f64 = 0.5;
+const BEFORE: f64 = 0.7;
 const FRONT: f64 = 0.15;
 const LEVEL: f64 = 0.1;
 
@@ -45,7 +45,11 @@ pub(crate) fn before_walls(thinned: &Thinned, diagonal: f64, spacing: f64) -> Op
     let mut kept = vec![true; points.len()];
     let mut found = false;
     // Far away a floor is as thick as the camera's noise there.
-    let floor = lowest_level(points, &local, thinned.cell).map(|(z, band)| {
+    let level = |i: &usize| local[*i].normal.z.abs() > 0.94 && local[*i].residual.is_finite();
+    let mut residuals: Vec<f64> = (0..points.len()).filter(level).map(|i| local[i].residual).collect();
+    residuals.sort_by(f64::total_cmp);
+    let band = (3.0 * residuals.get(residuals.len() / 2).copied().unwrap_or_default()).max(3.0 * thinned.cell).max(0.012);
+    let floor = lowest_level(points, &local, band).map(|z| {
         let on = |i: &usize| (points[*i].z - z).abs() < 0.1 && local[*i].normal.z.abs() > 0.8;
         let mut off: Vec<f64> = (0..points.len()).filter(on).map(|i| (points[i].z - z).abs()).collect();
         off.sort_by(f64::total_cmp);

@@ -14,19 +14,13 @@ pub(crate) struct Cleared {
     pub(crate) support: Option<f64>,
 }
 
-/// The lowest height at which much is level, and how far above and below it that reaches, m.
-pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], cell: f64) -> Option<(f64, f64)> {
-    let level: Vec<usize> = (0..points.len()).filter(|i| local[*i].normal.z.abs() > 0.94).collect();
-    let mut heights: Vec<f64> = level.iter().map(|i| points[*i].z).collect();
+/// The lowest height at which much is level within a band, m.
+pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -> Option<f64> {
+    let mut heights: Vec<f64> = (0..points.len()).filter(|i| local[*i].normal.z.abs() > 0.94).map(|i| points[i].z).collect();
     heights.sort_by(f64::total_cmp);
-    // Far away a floor is as thick as the camera's noise.
-    let mut residuals: Vec<f64> = level.iter().map(|i| local[*i].residual).filter(|r| r.is_finite()).collect();
-    residuals.sort_by(f64::total_cmp);
-    let noise = residuals.get(residuals.len() / 2).copied().unwrap_or_default();
-    let band = (3.0 * cell).max(0.012).max(3.0 * noise);
     heights.iter().enumerate().find_map(|(k, z)| {
         let within = heights[k..].partition_point(|h| *h < z + band);
-        (within > points.len() / 25).then(|| (heights[k + within / 2], band))
+        (within > points.len() / 25).then(|| heights[k + within / 2])
     })
 }
 
@@ -34,7 +28,8 @@ pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], cell: f64) -
 pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Cleared {
     let all = Cleared { object: vec![true; points.len()], support: None };
     let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let Some((z, band)) = lowest_level(points, local, cell) else { return all };
+    let band = (3.0 * cell).max(0.012);
+    let Some(z) = lowest_level(points, local, band) else { return all };
     // Little may lie below it.
     if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 || z > lowest + 0.3 {
         return all;

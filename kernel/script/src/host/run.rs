@@ -256,7 +256,8 @@ impl Host {
             sensed: Vec::new(),
         };
         let all: Vec<Sought> = live.belief.objects.iter().map(|o| Sought::object(&o.name)).collect();
-        let looked = live.look_around(&all);
+        // Where nothing is declared there is nothing to look for yet.
+        let looked = if all.is_empty() { Ok(()) } else { live.look_around(&all) };
         live.note_belief();
         // Kept also when it was interrupted: the report and the recording need it.
         self.phase = Phase::Live(Box::new(live));
