@@ -151,8 +151,17 @@ fn run_with(text: &str, prepare: impl FnOnce(&mut Recorder, &Arc<AtomicBool>, &P
     let folder = tempfile::tempdir().unwrap();
     let script = write(folder.path().join("task.rhai"), text);
     let cancel = Arc::new(AtomicBool::new(false));
-    let mut recorder =
-        Recorder { declared: vec![], unknown: vec![], learned: vec![], calls: vec![], said: vec![], fail: None, cancel_on_call: None, hidden: vec![], asked: vec![] };
+    let mut recorder = Recorder {
+        declared: vec![],
+        unknown: vec![],
+        learned: vec![],
+        calls: vec![],
+        said: vec![],
+        fail: None,
+        cancel_on_call: None,
+        hidden: vec![],
+        asked: vec![],
+    };
     prepare(&mut recorder, &cancel, folder.path());
     let stage = Rc::new(RefCell::new(recorder));
     let end = execute(&script, Surroundings { skills: skills().loaded, stage: stage.clone(), cancel });

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Rotation3};
 
 use crate::grid::Grid;
-use crate::superpoint::{Regions, Scale, Superpoint};
 use crate::prepare::Thinned;
+use crate::superpoint::{Regions, Scale, Superpoint};
 use crate::{ModellingError, background, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
@@ -46,7 +46,9 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
-    let Some(before) = background::before_walls(&thinned, extent(&thinned), spaced(&thinned)) else { return look_at(input, thinned, notes) };
+    let Some(before) = background::before_walls(&thinned, extent(&thinned), spaced(&thinned)) else {
+        return look_at(input, thinned, notes);
+    };
     notes.push("a wall behind the object was left out".to_owned());
     // Once more without the walls: what is left may be much smaller.
     let usable = |i: usize| thinned.of_input[i].is_some_and(|k| before[k as usize]);

@@ -49,7 +49,9 @@ pub(crate) fn before_walls(thinned: &Thinned, diagonal: f64, spacing: f64) -> Op
     let mut residuals: Vec<f64> = (0..points.len()).filter(level).map(|i| local[i].residual).collect();
     residuals.sort_by(f64::total_cmp);
     let band = (3.0 * residuals.get(residuals.len() / 2).copied().unwrap_or_default()).max(3.0 * thinned.cell).max(0.012);
-    let floor = lowest_level(points, &local, band).map(|z| {
+    // Little lies below a floor; a table's top is none.
+    let lowest = lowest_level(points, &local, band).filter(|z| points.iter().filter(|p| p.z < z - band).count() * 50 < points.len());
+    let floor = lowest.map(|z| {
         let on = |i: &usize| (points[*i].z - z).abs() < 0.1 && local[*i].normal.z.abs() > 0.8;
         let mut off: Vec<f64> = (0..points.len()).filter(on).map(|i| (points[i].z - z).abs()).collect();
         off.sort_by(f64::total_cmp);
@@ -111,8 +113,12 @@ fn outermost(points: &[Point3<f64>], own: &[usize], normal: &Vector3<f64>, total
     let middle = offsets[at + enough / 2];
     let (mut normal, mut offset) = (*normal, middle);
     for reach in [0.12, 0.06, 0.04] {
-        let on: Vec<Vector2<f64>> =
-            own.iter().map(|i| &points[*i]).filter(|p| (p.coords.dot(&normal) - offset).abs() < reach).map(|p| Vector2::new(p.x, p.y)).collect();
+        let on: Vec<Vector2<f64>> = own
+            .iter()
+            .map(|i| &points[*i])
+            .filter(|p| (p.coords.dot(&normal) - offset).abs() < reach)
+            .map(|p| Vector2::new(p.x, p.y))
+            .collect();
         if on.len() < enough / 2 {
             return None;
         }

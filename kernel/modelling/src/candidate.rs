@@ -296,7 +296,16 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
                     .fold(0.25, f64::min)
             };
             let thick = if sign > 0.0 { [behind, before] } else { [-before, -behind] };
-            let mut own = vec![along.x, along.y, along.z, thick[0] * 10.0, thick[1] * 10.0, to_face * 10.0, beyond(&origin, &-along) * 10.0, beyond(&other, &along) * 10.0];
+            let mut own = vec![
+                along.x,
+                along.y,
+                along.z,
+                thick[0] * 10.0,
+                thick[1] * 10.0,
+                to_face * 10.0,
+                beyond(&origin, &-along) * 10.0,
+                beyond(&other, &along) * 10.0,
+            ];
             for m in 0..3 {
                 own.push((origin[m] - posed.low[m]) / size[m].max(1e-3));
             }

@@ -281,12 +281,7 @@ fn moving_part(
             (false, true) if candidate.axis.y.abs() > 0.5 => share[3] + share[4],
             (false, true) => share[3],
         };
-        // A door or flap that stands open hangs where the object's front is, and its free end is away from there.
-        let hung = match (candidate.slides, share[3] > share[1].max(share[4])) {
-            (false, false) => hung(candidate, side.posed.face),
-            _ => 1.0,
-        };
-        p[c] *= ((DOUBT + fits / moves) * hung) as f32;
+        p[c] *= (DOUBT + fits / moves) as f32;
     }
     let sum = p.sum().max(1e-9);
     p /= sum;
@@ -318,15 +313,6 @@ fn moving_part(
             let R_WK = (side.posed.R_KA * analysis.R_AW).inverse();
             Handle { from: R_WK * h.from, to: R_WK * h.to, outward: R_WK * h.outward, ..h }
         }),
-    }
-}
-
-/// How well a hinge goes with an open panel's two ends: of these, which is at the front?
-fn hung(c: &Candidate, face: f64) -> f64 {
-    let (own, other) = ((c.origin.x - face).abs(), (c.origin.x + c.along.x * c.length - face).abs());
-    match c.along.x.abs() > 0.4 {
-        true => (other / (own + other).max(1e-6)).max(0.05),
-        false => 1.0,
     }
 }
 

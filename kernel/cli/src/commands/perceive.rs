@@ -135,7 +135,10 @@ pub fn perceive(arguments: &Perceive) -> Result<bool, CliError> {
             let sides = cut_off(view, own);
             if !sides.is_empty() {
                 let at = sides.join(" and ");
-                let note = format!("view {} cuts the object off at its {at} edge: what lies beyond is in no part, and a joint there is a guess", i + 1);
+                let note = format!(
+                    "view {} cuts the object off at its {at} edge: what lies beyond is in no part, and a joint there is a guess",
+                    i + 1
+                );
                 found.report.notes.push(note);
             }
             from = ends[i];

@@ -688,10 +688,16 @@ impl Checker<'_> {
                 }
                 (None | Some(Kind::Text), _) => {}
                 (Some(other), _) => {
-                    self.problem(*at, format!("scene.learn(...) needs a name, and is given {}", other.words()), Some(LEARN_HINT.to_owned()));
+                    self.problem(
+                        *at,
+                        format!("scene.learn(...) needs a name, and is given {}", other.words()),
+                        Some(LEARN_HINT.to_owned()),
+                    );
                 }
             },
-            _ => self.problem(position, "scene.learn(...) takes the name that the thing gets, and nothing else", Some(LEARN_HINT.to_owned())),
+            _ => {
+                self.problem(position, "scene.learn(...) takes the name that the thing gets, and nothing else", Some(LEARN_HINT.to_owned()))
+            }
         }
         Guess::of(Kind::Object)
     }

@@ -224,7 +224,9 @@ fn register_scene(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     let learner = stage.clone();
     engine.register_fn("learn", move |context: NativeCallContext, _: SceneHandle, name: &str| {
         let learned = learner.borrow_mut().learn(name);
-        learned.map(|()| ObjectHandle { name: name.to_owned(), joint: None }).map_err(|stop| stopped("learn", stop, context.call_position()))
+        learned
+            .map(|()| ObjectHandle { name: name.to_owned(), joint: None })
+            .map_err(|stop| stopped("learn", stop, context.call_position()))
     });
     let robot = stage.clone();
     engine.register_fn("robot", move |context: NativeCallContext, _: SceneHandle, model: &str| {
