@@ -46,34 +46,41 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
-    let Some(before) = background::before_walls(&thinned, extent(&thinned), spaced(&thinned)) else {
-        return look_at(input, thinned, notes);
-    };
+    let surface = Surface::of(&thinned);
+    let Some(before) = background::before_walls(&thinned, &surface.local) else { return look_at(input, thinned, surface, notes) };
     notes.push("a wall behind the object was left out".to_owned());
     // Once more without the walls: what is left may be much smaller.
     let usable = |i: usize| thinned.of_input[i].is_some_and(|k| before[k as usize]);
     let nowhere = Point3::from(nalgebra::Vector3::repeat(f64::NAN));
     let left: Vec<Point3<f64>> = (0..input.len()).map(|i| if usable(i) { input[i] * thinned.factor } else { nowhere }).collect();
-    let mut all = look_at(&left, prepare::thin(&left)?, notes)?;
+    let thinner = prepare::thin(&left)?;
+    let surface = Surface::of(&thinner);
+    let mut all = look_at(&left, thinner, surface, notes)?;
     all.iter_mut().for_each(|a| a.factor = thinned.factor);
     Ok(all)
 }
 
-fn extent(thinned: &Thinned) -> f64 {
-    let (low, high) = bounds(&thinned.points);
-    (high - low).norm()
+/// The normals of a thinned cloud, and how far and how fine it is.
+struct Surface {
+    diagonal: f64,
+    spacing: f64,
+    local: Vec<normal::Local>,
 }
 
-fn spaced(thinned: &Thinned) -> f64 {
-    spacing(&thinned.points, extent(thinned)).max(thinned.cell)
+impl Surface {
+    fn of(thinned: &Thinned) -> Self {
+        let (low, high) = bounds(&thinned.points);
+        let diagonal = (high - low).norm();
+        let spacing = spacing(&thinned.points, diagonal).max(thinned.cell);
+        let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
+        let grid = Grid::new(&thinned.points, radius);
+        Self { diagonal, spacing, local: normal::normals(&thinned.points, &grid, radius) }
+    }
 }
 
 /// The same of a cloud without a wall.
-fn look_at(input: &[Point3<f64>], thinned: Thinned, mut notes: Vec<String>) -> Result<Vec<Analysis>, ModellingError> {
-    let (diagonal, spacing) = (extent(&thinned), spaced(&thinned));
-    let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
-    let grid = Grid::new(&thinned.points, radius);
-    let local = normal::normals(&thinned.points, &grid, radius);
+fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes: Vec<String>) -> Result<Vec<Analysis>, ModellingError> {
+    let Surface { diagonal, spacing, local } = surface;
     let mut cleared = ground::clear(&thinned.points, &local, thinned.cell);
     if let Some(z) = cleared.support {
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));

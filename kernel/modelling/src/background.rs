@@ -8,9 +8,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-use crate::grid::Grid;
 use crate::ground::lowest_level;
-use crate::normal::{Local, normals};
+use crate::normal::Local;
 use crate::prepare::Thinned;
 
 /// Most walls that are taken away: an object may stand in a corner.
@@ -37,11 +36,8 @@ struct Wall {
 }
 
 /// Which thinned points are before all walls that were found; none if there is no wall.
-pub(crate) fn before_walls(thinned: &Thinned, diagonal: f64, spacing: f64) -> Option<Vec<bool>> {
+pub(crate) fn before_walls(thinned: &Thinned, local: &[Local]) -> Option<Vec<bool>> {
     let points = &thinned.points;
-    let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
-    let grid = Grid::new(points, radius);
-    let local = normals(points, &grid, radius);
     let mut kept = vec![true; points.len()];
     let mut found = false;
     // Far away a floor is as thick as the camera's noise there.
@@ -50,7 +46,7 @@ pub(crate) fn before_walls(thinned: &Thinned, diagonal: f64, spacing: f64) -> Op
     residuals.sort_by(f64::total_cmp);
     let band = (3.0 * residuals.get(residuals.len() / 2).copied().unwrap_or_default()).max(3.0 * thinned.cell).max(0.012);
     // Little lies below a floor; a table's top is none.
-    let lowest = lowest_level(points, &local, band).filter(|z| points.iter().filter(|p| p.z < z - band).count() * 50 < points.len());
+    let lowest = lowest_level(points, local, band).filter(|z| points.iter().filter(|p| p.z < z - band).count() * 50 < points.len());
     let floor = lowest.map(|z| {
         let on = |i: &usize| (points[*i].z - z).abs() < 0.1 && local[*i].normal.z.abs() > 0.8;
         let mut off: Vec<f64> = (0..points.len()).filter(on).map(|i| (points[i].z - z).abs()).collect();
@@ -58,7 +54,7 @@ pub(crate) fn before_walls(thinned: &Thinned, diagonal: f64, spacing: f64) -> Op
         z + (1.3 * off.get(off.len() * 95 / 100).copied().unwrap_or_default()).clamp(band, f64::max(band, 0.1))
     });
     for _ in 0..WALLS {
-        let Some(wall) = wall(points, &local, &kept, (thinned.cell, floor)) else { break };
+        let Some(wall) = wall(points, local, &kept, (thinned.cell, floor)) else { break };
         found = true;
         for (k, p) in kept.iter_mut().zip(points) {
             *k &= p.coords.dot(&wall.normal) - wall.offset > wall.thick && wall.floor.is_none_or(|z| p.z > z);
