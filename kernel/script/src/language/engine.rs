@@ -1,4 +1,12 @@
 //! The Rhai engine of task scripts: a small language, bounded in every direction, in which skills are functions.
+//!
+//! ```text
+//! scene.expect("model", at(...), facing(...))    // a thing of the library stands about there; answers the object
+//! scene.unknown("model", at(...), facing(...))   // a thing stands in the measured world of which the robot is told nothing; answers nothing
+//! scene.learn("name")                            // what the camera sees and nobody told of is modelled and kept; answers the object
+//! ```
+//!
+//! `scene.learn` fails with `not_seen`, which a script can catch, where nothing new is seen or what is seen cannot be modelled.
 
 use std::any::TypeId;
 use std::cell::RefCell;
