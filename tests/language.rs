@@ -23,6 +23,8 @@ use sagci_tests::{Scripted, ToyModels, loaded, write};
 /// Keeps what a script does, and answers as a test wants.
 struct Recorder {
     declared: Vec<Declaration>,
+    unknown: Vec<Declaration>,
+    learned: Vec<String>,
     calls: Vec<(String, BTreeMap<String, Argument>)>,
     said: Vec<String>,
     fail: Option<Failure>,
@@ -36,6 +38,16 @@ impl Stage for Recorder {
     fn expect(&mut self, declaration: Declaration) -> Result<(), Refusal> {
         self.declared.push(declaration);
         Ok(())
+    }
+
+    fn unknown(&mut self, declaration: Declaration) -> Result<(), Refusal> {
+        self.unknown.push(declaration);
+        Ok(())
+    }
+
+    fn learn(&mut self, name: &str) -> Result<(), Stop> {
+        self.learned.push(name.to_owned());
+        self.fail.clone().map_or(Ok(()), |failure| Err(Stop::Failed(failure)))
     }
 
     fn robot(&mut self, _: &str) -> Result<(), Refusal> {
@@ -146,6 +158,8 @@ fn run_with(text: &str, prepare: impl FnOnce(&mut Recorder, &Arc<AtomicBool>, &P
     let cancel = Arc::new(AtomicBool::new(false));
     let mut recorder = Recorder {
         declared: vec![],
+        unknown: vec![],
+        learned: vec![],
         calls: vec![],
         said: vec![],
         fail: None,
@@ -413,6 +427,27 @@ fn what_is_no_script_at_all_is_said_so_with_its_place() {
     assert_eq!(missing.len(), 1);
     assert!(missing[0].to_string().starts_with("/nowhere/task.rhai: cannot be read"), "{}", missing[0]);
     assert_eq!(problems("\u{0}\u{1}(((").len(), 1);
+}
+
+#[test]
+fn a_script_learns_an_object_by_a_name_and_hears_nothing_of_what_is_unknown() {
+    let ran = run_with("scene.unknown(\"chest\", at(cm(60), cm(0)));\nlet mine = scene.learn(\"mine\");\nprint(mine.name);", |_, _, _| {});
+    assert!(matches!(ran.end, End::Done), "{:?}", ran.end);
+    assert_eq!(ran.stage.learned, ["mine"]);
+    assert_eq!(ran.stage.unknown[0].model, "chest");
+    assert!(ran.stage.declared.is_empty(), "what is unknown was declared");
+    assert_eq!(ran.stage.said, ["mine"]);
+}
+
+#[test]
+fn a_script_may_catch_that_there_is_nothing_to_learn() {
+    let text = "try { scene.learn(\"mine\"); } catch (e) { print(e.code); }";
+    let none = |r: &mut Recorder, _: &Arc<AtomicBool>, _: &Path| {
+        r.fail = Some(Failure { code: FailureCode::NotSeen, stage: "learn".into(), message: "nothing new is seen".into() });
+    };
+    let ran = run_with(text, none);
+    assert!(matches!(ran.end, End::Done), "{:?}", ran.end);
+    assert_eq!(ran.stage.said, ["not_seen"]);
 }
 
 #[test]

@@ -110,3 +110,31 @@ fn the_experiment_that_is_asked_for_is_done_and_its_recordings_are_used(recordin
     assert!(notes.contains("experiment 1") && notes.contains("2 recording(s)"), "{notes}");
     assert!(folder.path().join("found/experiment-1/seed-1.run-2.hold-1.csv").is_file(), "{notes}");
 }
+
+#[test]
+fn what_nobody_told_of_is_learned_from_the_wrists_camera_kept_and_opened() {
+    let library = tempfile::tempdir().unwrap();
+    copy(&root().join("world-models"), library.path());
+    let report = run_with("scripts/meet_a_microwave.rhai", 1, library.path());
+    let steps: Vec<&str> = report["steps"].as_array().unwrap().iter().map(|s| s["skill"].as_str().unwrap()).collect();
+    assert_eq!(steps, ["open"]);
+    // The judge has seen the true door move; what was learned is a model of its own in the library, by its own name.
+    assert_eq!(report["goals"][0]["met"], true, "{report:#}");
+    let home = library.path().join("my_microwave");
+    let version = std::fs::read_to_string(home.join("HEAD")).unwrap();
+    let learned = sagci_model::ObjectModel::read(home.join(version.trim())).unwrap();
+    assert_eq!(learned.moving_joints().count(), 1, "it has other joints than its door's");
+    assert!(home.join(version.trim()).join("evidence/perception.json").exists());
+    let told = report["versions"]["models"].as_array().unwrap().iter().find(|m| m["name"] == "my_microwave").unwrap();
+    assert_eq!(told["version"], version.trim());
+}
+
+#[test]
+fn where_nothing_new_stands_nothing_is_learned() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("empty.rhai");
+    std::fs::write(&script, "try { scene.learn(\"ghost\"); } catch (e) { print(e.code); }\n").unwrap();
+    let report = run(script.to_str().unwrap(), 1);
+    assert!(report["versions"]["models"].as_array().unwrap().iter().all(|m| m["name"] != "ghost"), "{report:#}");
+    assert!(!root().join("world-models/ghost").exists());
+}

@@ -9,7 +9,7 @@ use sagci_furniture::{Category, Labelled, Look, Noise, Random, families, look};
 fn seen(views: usize) -> Labelled {
     let mut random = Random::new(11, "tests of the program");
     let object = families(Category::Microwave, true)[0].draw(&mut random);
-    let how = Look { views, width: 240, points: 12_000, surroundings: false, noise: Noise::draw(&mut random) };
+    let how = Look { views, width: 240, points: 12_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
     look(&object, &how, &mut random)
 }
 
@@ -59,6 +59,28 @@ fn a_camera_frame_cloud_is_answered_in_that_frame() {
     assert_eq!(first.len(), second.len());
     for (a, b) in first.iter().zip(second) {
         assert!((three(&a["axis"]) - X_WC.rotation * three(&b["axis"])).norm() < 0.03);
+    }
+}
+
+#[test]
+fn a_view_that_cuts_the_object_off_says_so_and_a_whole_view_does_not() {
+    for (near, cut) in [(0.45, true), (1.0, false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut random = Random::new(4, "cropped");
+        let object = families(Category::Oven, false)[0].draw(&mut random);
+        let how = Look { views: 1, width: 240, points: 12_000, near, surroundings: false, noise: Noise::NONE };
+        let cloud = look(&object, &how, &mut random);
+        let camera = &cloud.cameras[0];
+        sagci_cloud::write_parts(&folder.path().join("view.ply"), &cloud.points, &[]).unwrap();
+        let m = camera.X_WC.to_homogeneous();
+        let rows: Vec<Vec<f64>> = (0..4).map(|i| (0..4).map(|j| m[(i, j)]).collect()).collect();
+        let (width, height, f) = (camera.width as f64, camera.height as f64, camera.focal);
+        let poses = serde_json::json!({ "views": [{ "X_WC": rows, "width": width, "height": height, "fx": f, "fy": f }] });
+        std::fs::write(folder.path().join("poses.json"), poses.to_string()).unwrap();
+        let out = perceive(folder.path(), &["view.ply", "--camera-pose", "poses.json", "--format", "json"]);
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let said = report["notes"].as_array().unwrap().iter().any(|n| n.as_str().unwrap().contains("cuts the object off"));
+        assert_eq!(said, cut, "{:#}", report["notes"]);
     }
 }
 

@@ -16,7 +16,9 @@ pub struct Look {
     pub width: usize,
     /// Number of points kept of all views together.
     pub points: usize,
-    /// Are the floor, and a wall behind it, seen as well?
+    /// What the distance from which all of it is seen is multiplied by: less than one sees a part of it.
+    pub near: f64,
+    /// Is the floor seen as well?
     pub surroundings: bool,
     /// The camera's errors.
     pub noise: Noise,
@@ -29,6 +31,7 @@ impl Look {
             views: [1, 1, 1, 2, 2, 3][random.index(6)],
             width: random.pick([200, 280, 360, 424]),
             points: random.scale(4_000.0, 40_000.0) as usize,
+            near: 1.0,
             surroundings: random.chance(0.2),
             noise: Noise::draw(random),
         }
@@ -83,9 +86,14 @@ pub fn look_with(object: &Object, look: &Look, random: &mut Random, seen: &Seen<
             Category::Box => random.between(0.3, 1.05),
             _ => random.between(-0.1, 0.65),
         };
-        let distance = (fit * random.between(0.75, 1.35)).clamp(0.45, 3.2);
+        let distance = (fit * random.between(0.75, 1.35) * look.near).clamp(0.45, 3.2);
         let away = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
-        let jitter = Vector3::new(random.normal(), random.normal(), random.normal()) * (0.08 * radius);
+        let mut jitter = Vector3::new(random.normal(), random.normal(), random.normal()) * (0.08 * radius);
+        if look.near < 1.0 {
+            // Who sees a part of it looks anywhere at it.
+            let [x, y, z] = [low, high].map(|c| c - center)[1].map(|h| 0.7 * h * (1.0 - look.near)).into();
+            jitter += Vector3::new(random.between(-x, x), random.between(-y, y), random.between(-z, z));
+        }
         let from = X_WF * (center + away * distance);
         let at = X_WF * (center + jitter);
         let mut camera = Camera::looking(from, at, look.width, height, focal);

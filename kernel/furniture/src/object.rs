@@ -180,6 +180,22 @@ impl Object {
         (low, high)
     }
 
+    /// The same object, larger or smaller.
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for solid in self.parts.iter_mut().flat_map(|p| &mut p.solids) {
+            solid.center *= factor;
+            solid.half *= factor;
+        }
+        for joint in &mut self.joints {
+            joint.origin *= factor;
+            if joint.kind == Kind::Prismatic {
+                joint.upper *= factor;
+                joint.state *= factor;
+            }
+        }
+        self
+    }
+
     /// Length of the diagonal of its bounds, m.
     pub fn diagonal(&self) -> f64 {
         let (low, high) = self.bounds();

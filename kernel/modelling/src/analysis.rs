@@ -3,8 +3,9 @@
 use nalgebra::{Point3, Rotation3};
 
 use crate::grid::Grid;
+use crate::prepare::Thinned;
 use crate::superpoint::{Regions, Scale, Superpoint};
-use crate::{ModellingError, frame, ground, normal, prepare};
+use crate::{ModellingError, background, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
 pub struct Analysis {
@@ -45,12 +46,41 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
-    let (low, high) = bounds(&thinned.points);
-    let diagonal = (high - low).norm();
-    let spacing = spacing(&thinned.points, diagonal).max(thinned.cell);
-    let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
-    let grid = Grid::new(&thinned.points, radius);
-    let local = normal::normals(&thinned.points, &grid, radius);
+    let surface = Surface::of(&thinned);
+    let Some(before) = background::before_walls(&thinned, &surface.local) else { return look_at(input, thinned, surface, notes) };
+    notes.push("a wall behind the object was left out".to_owned());
+    // Once more without the walls: what is left may be much smaller.
+    let usable = |i: usize| thinned.of_input[i].is_some_and(|k| before[k as usize]);
+    let nowhere = Point3::from(nalgebra::Vector3::repeat(f64::NAN));
+    let left: Vec<Point3<f64>> = (0..input.len()).map(|i| if usable(i) { input[i] * thinned.factor } else { nowhere }).collect();
+    let thinner = prepare::thin(&left)?;
+    let surface = Surface::of(&thinner);
+    let mut all = look_at(&left, thinner, surface, notes)?;
+    all.iter_mut().for_each(|a| a.factor = thinned.factor);
+    Ok(all)
+}
+
+/// The normals of a thinned cloud, and how far and how fine it is.
+struct Surface {
+    diagonal: f64,
+    spacing: f64,
+    local: Vec<normal::Local>,
+}
+
+impl Surface {
+    fn of(thinned: &Thinned) -> Self {
+        let (low, high) = bounds(&thinned.points);
+        let diagonal = (high - low).norm();
+        let spacing = spacing(&thinned.points, diagonal).max(thinned.cell);
+        let radius = (2.6 * spacing).max(0.008).max(0.012 * diagonal);
+        let grid = Grid::new(&thinned.points, radius);
+        Self { diagonal, spacing, local: normal::normals(&thinned.points, &grid, radius) }
+    }
+}
+
+/// The same of a cloud without a wall.
+fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes: Vec<String>) -> Result<Vec<Analysis>, ModellingError> {
+    let Surface { diagonal, spacing, local } = surface;
     let mut cleared = ground::clear(&thinned.points, &local, thinned.cell);
     if let Some(z) = cleared.support {
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
@@ -134,6 +164,16 @@ impl Analysis {
     /// Number of superpoints.
     pub fn pieces(&self) -> usize {
         self.superpoints.len()
+    }
+
+    /// Of each input point, is it the object's? What is not is a wall's, a floor's or a crumb's.
+    pub fn object_points(&self) -> Vec<bool> {
+        self.of_input.iter().map(Option::is_some).collect()
+    }
+
+    /// What is worth telling a person.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Of each input point the superpoint that holds it.

@@ -1,16 +1,16 @@
-//! The joints that a part could have: three slides, and hinges at the two ends of its section across each axis.
+//! The joints that a part could have: four slides, and hinges at the two ends of its section across each axis.
 //!
 //! A panel's section across a vertical line is a stroke. Whether the door is shut or stands open, its hinge is at one of the stroke's
 //! ends. So the choice is among few candidates whose places geometry gives; what is learned is which, and a small residual.
 
-use nalgebra::{Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use crate::posed::Posed;
 
-/// Number of candidates: slides along x, y, -y; hinges along z, y, x at two ends.
-pub(crate) const COUNT: usize = 9;
+/// Number of candidates: slides along x, y, -y, z; hinges along z, y, x at two ends.
+pub(crate) const COUNT: usize = 10;
 /// Features of one.
-pub(crate) const FEATURES: usize = 38;
+pub(crate) const FEATURES: usize = 42;
 /// What a residual is measured in, m.
 pub(crate) const RESIDUAL: f64 = 0.05;
 
@@ -41,6 +41,8 @@ struct Shape {
     panel: Vec<Point3<f64>>,
     normal: Vector3<f64>,
     flat_share: f64,
+    /// All its points.
+    all: Vec<Point3<f64>>,
 }
 
 fn quantile(values: &mut [f64], share: f64) -> f64 {
@@ -81,7 +83,18 @@ fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
         panel.clone_from(&points);
     }
     let flat_share = panel.len() as f64 / points.len().max(1) as f64;
-    Shape { low, high, center: nalgebra::center(&low, &high), panel, normal, flat_share }
+    Shape { low, high, center: nalgebra::center(&low, &high), panel, normal, flat_share, all: points }
+}
+
+/// The direction of a section's length, if it is a stroke; otherwise its first axis.
+fn longest(section: &[Vector2<f64>], mean: &Vector2<f64>) -> Vector2<f64> {
+    let covariance = section.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix2<f64>>();
+    let e = covariance.symmetric_eigen();
+    let (most, least) = (e.eigenvalues.imax(), e.eigenvalues.imin());
+    match e.eigenvalues[most] > 6.0 * e.eigenvalues[least].max(0.0) {
+        true => e.eigenvectors.column(most).into_owned(),
+        false => Vector2::new(1.0, 0.0),
+    }
 }
 
 /// What stands out of a panel, and which way that is.
@@ -173,7 +186,7 @@ pub(crate) fn handle(posed: &Posed<'_>, part: &[usize]) -> Option<Handle> {
 /// Most points of the rest of the object that distances are taken to.
 const REST: usize = 3000;
 
-/// The nine candidates of a part, given by its superpoints.
+/// All candidates of a part, given by its superpoints.
 pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
     let s = shape(posed, part);
     let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| part.contains(&(k as usize)));
@@ -209,14 +222,14 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
         c.features = features;
         all.push(c);
     };
-    for axis in [Vector3::x(), Vector3::y(), -Vector3::y()] {
+    for axis in [Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z()] {
         let back = s.low.coords.dot(&axis).min(s.high.coords.dot(&axis));
         let c = Candidate {
             slides: true,
             axis,
             origin: s.center,
             along: axis,
-            across: Vector3::z(),
+            across: if axis.z > 0.5 { Vector3::x() } else { Vector3::z() },
             length: (s.high - s.low).dot(&axis).abs(),
             features: Vec::new(),
         };
@@ -236,17 +249,22 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
         axis[k] = 1.0;
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         let flat = |p: &Point3<f64>| Vector2::new(p[i], p[j]);
-        let section: Vec<Vector2<f64>> = s.panel.iter().map(flat).collect();
+        let has_stroke = s.normal[k].abs() < 0.5;
+        // A panel across the axis has no stroke of its own: the whole part may have one, as a flap of which the edges are seen best.
+        let whole = if has_stroke { &s.panel } else { &s.all };
+        let section: Vec<Vector2<f64>> = whole.iter().map(flat).collect();
         let n = section.len().max(1) as f64;
         let mean = section.iter().sum::<Vector2<f64>>() / n;
-        // A panel across the axis has no stroke of its own: its extents serve.
-        let direction = match s.normal[k].abs() < 0.5 {
+        let direction = match has_stroke {
             true => Vector2::new(-s.normal[j], s.normal[i]).normalize(),
-            false => Vector2::new(1.0, 0.0),
+            false => longest(&section, &mean),
         };
         let across = Vector2::new(-direction.y, direction.x);
         let mut t: Vec<f64> = section.iter().map(|p| (p - mean).dot(&direction)).collect();
         let (t0, t1) = (quantile(&mut t, 0.01), quantile(&mut t, 0.99));
+        // How thick the part is before and behind its panel, as far as that is seen.
+        let mut off: Vec<f64> = s.all.iter().map(|p| (flat(p) - mean).dot(&across)).collect();
+        let (behind, before) = (quantile(&mut off, 0.02), quantile(&mut off, 0.98));
         let lift = |v: Vector2<f64>, w: f64| {
             let mut p = Vector3::zeros();
             (p[i], p[j], p[k]) = (v.x, v.y, w);
@@ -265,7 +283,29 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
                 high[k] = 0.25 * s.low[k] + 0.75 * s.high[k];
                 (from_rest(p) + from_rest(&low) + from_rest(&high)) / 3.0
             };
-            let mut own = vec![along.x, along.y, along.z];
+            // How far from the hinge the object's front is, along the section: a door that stands open hangs there.
+            let to_face = if along.x.abs() > 0.2 { (posed.face - origin.x) / along.x } else { 0.0 };
+            // How far beyond each end the rest of the object begins: a shut panel ends where its frame begins.
+            let beyond = |p: &Point3<f64>, out: &Vector3<f64>| {
+                let side = lift(across, 0.0);
+                rest.iter()
+                    .map(|q| q - p)
+                    .filter(|d| d.dot(&side).abs() < 0.04 && (p[k] + d[k] - middle).abs() < 0.35 * (s.high[k] - s.low[k]))
+                    .map(|d| d.dot(out))
+                    .filter(|t| *t > -0.03)
+                    .fold(0.25, f64::min)
+            };
+            let thick = if sign > 0.0 { [behind, before] } else { [-before, -behind] };
+            let mut own = vec![
+                along.x,
+                along.y,
+                along.z,
+                thick[0] * 10.0,
+                thick[1] * 10.0,
+                to_face * 10.0,
+                beyond(&origin, &-along) * 10.0,
+                beyond(&other, &along) * 10.0,
+            ];
             for m in 0..3 {
                 own.push((origin[m] - posed.low[m]) / size[m].max(1e-3));
             }

@@ -290,7 +290,7 @@ fn moving_part(
         .iter()
         .enumerate()
         .map(|(c, candidate)| {
-            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-2.0, 2.0));
+            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-4.0, 4.0));
             motion(side, pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
         })
         .collect();

@@ -11,11 +11,11 @@ use crate::normal::Local;
 
 const BINS: usize = 180;
 /// Yaws less likely than this share of the likeliest are not asked about.
-const UNLIKELY: f64 = 0.1;
+const UNLIKELY: f64 = 0.04;
 /// Most yaws that are asked about.
-const YAWS: usize = 3;
+const YAWS: usize = 4;
 /// How many angles are looked at.
-const PEAKS: usize = 5;
+const PEAKS: usize = 6;
 /// Nearer to one another than this they are one, bins.
 const APART: usize = 8;
 
@@ -54,7 +54,7 @@ pub(crate) fn yaws(points: &[Point3<f64>], local: &[Local], flat: f64) -> Vec<f6
     order.sort_by(|a, b| smooth[*b].total_cmp(&smooth[*a]));
     for k in order {
         let apart = |p: &usize| (k + BINS - p) % BINS >= APART && (p + BINS - k) % BINS >= APART;
-        if peaks.len() < PEAKS && smooth[k] > 0.08 * highest && peaks.iter().all(apart) {
+        if peaks.len() < PEAKS && smooth[k] > 0.04 * highest && peaks.iter().all(apart) {
             peaks.push(k);
         }
     }

@@ -14,21 +14,22 @@ pub(crate) struct Cleared {
     pub(crate) support: Option<f64>,
 }
 
+/// The lowest height at which much is level within a band, m.
+pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -> Option<f64> {
+    let mut heights: Vec<f64> = (0..points.len()).filter(|i| local[*i].normal.z.abs() > 0.94).map(|i| points[i].z).collect();
+    heights.sort_by(f64::total_cmp);
+    heights.iter().enumerate().find_map(|(k, z)| {
+        let within = heights[k..].partition_point(|h| *h < z + band);
+        (within > points.len() / 25).then(|| heights[k + within / 2])
+    })
+}
+
 /// Takes the support away.
 pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Cleared {
     let all = Cleared { object: vec![true; points.len()], support: None };
-    let level = |i: &usize| local[*i].normal.z.abs() > 0.94;
-    let band = (3.0 * cell).max(0.012);
-    // The lowest height at which much is level.
     let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-    let mut heights: Vec<f64> = (0..points.len()).filter(level).map(|i| points[i].z).collect();
-    heights.sort_by(f64::total_cmp);
-    let Some(z) = heights.iter().enumerate().find_map(|(k, z)| {
-        let within = heights[k..].iter().take_while(|h| **h < z + band).count();
-        (within > points.len() / 25).then(|| heights[k + within / 2])
-    }) else {
-        return all;
-    };
+    let band = (3.0 * cell).max(0.012);
+    let Some(z) = lowest_level(points, local, band) else { return all };
     // Little may lie below it.
     if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 || z > lowest + 0.3 {
         return all;

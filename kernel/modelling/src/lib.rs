@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod background;
 mod candidate;
 mod decide;
 mod error;

@@ -95,7 +95,13 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32
         let (Some(motion), link_name) = (p.motions.first(), &names[k + 1]) else { continue };
         let X_WL = at_state(motion);
         let hue = [[0.9, 0.5, 0.3, 1.0], [0.3, 0.6, 0.9, 1.0], [0.5, 0.8, 0.4, 1.0], [0.8, 0.7, 0.3, 1.0]][k % 4];
-        links.push(link(link_name, &shapes(analysis, &p.pieces, &loose(k + 1)), &X_WL, hue));
+        let mut own = shapes(analysis, &p.pieces, &loose(k + 1));
+        // A hand closes on the handle, however few of its points were seen, and has room behind it: a lump's box would fill that.
+        if let Some(h) = &p.handle {
+            own.boxes.retain(|b| !fills(b, h));
+            own.boxes.push(bar(h));
+        }
+        links.push(link(link_name, &own, &X_WL, hue));
         let joint = format!("{link_name}_{}", if motion.slides { "slide" } else { "hinge" });
         joints.push(Joint {
             name: joint.clone(),
@@ -224,6 +230,25 @@ fn told(joint: &str, p: &Moving) -> JointHypotheses {
             })
             .collect(),
     }
+}
+
+/// Does a box stand between a handle and its panel, or in the handle's own place?
+fn fills(b: &Slab, h: &Handle) -> bool {
+    let middle = nalgebra::center(&h.from, &h.to);
+    let d = b.X_WG.translation.vector - middle.coords;
+    let (out, across) = (d.dot(&h.outward), d - h.outward * d.dot(&h.outward));
+    // The panel itself lies as far behind the handle as that stands off.
+    out > -0.75 * h.off && across.norm() < 0.5 * (h.to - h.from).norm() + h.radius + 0.05
+}
+
+/// A handle as a box, in W.
+fn bar(h: &Handle) -> Slab {
+    let (along, length) = Unit::new_and_get(h.to - h.from);
+    let e1 = if length > 1e-6 { along.into_inner() } else { h.outward.cross(&Vector3::z()).try_normalize(1e-6).unwrap_or(Vector3::y()) };
+    let e0 = (h.outward - e1 * h.outward.dot(&e1)).try_normalize(1e-6).unwrap_or(h.outward);
+    let R = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[e0, e1, e0.cross(&e1)]));
+    let X_WG = Isometry3::from_parts(Translation3::from(nalgebra::center(&h.from, &h.to).coords), UnitQuaternion::from_rotation_matrix(&R));
+    Slab { X_WG, half: Vector3::new(h.radius, length / 2.0 + h.radius, h.radius) }
 }
 
 /// A handle as a hint for grippers, in the frame of its link, which stands at `X_WL`.

@@ -24,6 +24,10 @@ pub(crate) struct Shapes {
 
 /// Least half thickness of a slab, m.
 const THIN: f64 = 0.002;
+/// Most of it, m: what is thicker than that is the camera's noise, and a surface amid its points is nearer to them than two far apart.
+const THICK: f64 = 0.0048;
+/// As far as a point may lie from the surface, m.
+const NEAR: f64 = 0.005;
 /// Most boxes for collision.
 const BOXES: usize = 32;
 
@@ -85,10 +89,13 @@ fn slab(
         half[k] = ((b - a) / 2.0).max(THIN);
     }
     // Two faces of a thin board may have grown into one piece: then a slab would not hold their points.
-    let tight = half[0] < 0.0045_f64.max(2.2 * noise);
+    // Nor may more than a few lie far from its faces, as they do where two views disagree.
+    let at = center.dot(&n);
+    let far = points.iter().filter(|p| (p.coords.dot(&n) - at).abs() > half[0].min(THICK) + NEAR).count();
+    let tight = half[0] < 0.0045_f64.max(2.2 * noise) && far * 25 <= points.len();
     if normal.is_some() {
         // Slightly unlike sizes, so that no two slabs share a corner.
-        half[0] = half[0].max(2.0 * residual).max(THIN) + 1e-6 * (number as f64 + 1.0);
+        half[0] = half[0].max(2.0 * residual).clamp(THIN, THICK) + 1e-6 * (number as f64 + 1.0);
     }
     (Slab { X_WG: Isometry3::from_parts(Translation3::from(center), UnitQuaternion::from_rotation_matrix(&R)), half }, tight)
 }

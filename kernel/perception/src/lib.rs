@@ -27,5 +27,5 @@ mod view;
 pub use error::PerceptionError;
 pub use locate::locate;
 pub use request::{Freedom, JointSearch, Located, Place, Prior, Request, SceneRequest};
-pub use scene::locate_scene;
+pub use scene::{locate_scene, unexplained};
 pub use view::{KnownBody, View, X_WC, robot_positions};

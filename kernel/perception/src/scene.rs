@@ -1,5 +1,6 @@
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 
+use crate::frame::Frame;
 use crate::locate::{frames, locate_in};
 use crate::surface::Surface;
 use crate::{Freedom, Located, PerceptionError, Place, Prior, Request, SceneRequest, View};
@@ -48,6 +49,20 @@ pub fn locate_scene(
         });
     }
     Ok(answers.into_iter().flatten().collect())
+}
+
+/// Points in the world that belong neither to the table nor to a body that their view knows: what nobody has told of. The cameras are set
+/// right by the table first.
+///
+/// # Errors
+/// No image, or one that cannot be used.
+pub fn unexplained(views: &[View], table_height: f64) -> Result<Vec<Point3<f64>>, PerceptionError> {
+    let (frames, _) = frames(views, table_height)?;
+    let points = |f: &Frame| -> Vec<Point3<f64>> {
+        let at = |i: usize| f.X_WC * Point3::from(f.ray_C((i % f.width) as f64, (i / f.width) as f64) * f.depth[i]);
+        (0..f.open.len()).filter(|i| f.open[*i]).map(at).collect()
+    };
+    Ok(frames.iter().flat_map(points).collect())
 }
 
 /// An object that is held and of which nothing is asked is where it is said to be.

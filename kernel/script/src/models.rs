@@ -60,8 +60,10 @@ impl Models for LibraryModels {
     }
 
     fn publish(&self, name: &str, model: &ObjectModel, evidence: &[Evidence]) -> Result<(String, Arc<ObjectModel>), String> {
-        // What is current must be remembered before it is another.
-        self.stored(name)?;
+        // What is current must be remembered before it is another; what is new has nothing to remember.
+        if self.names().iter().any(|n| n == name) {
+            self.stored(name)?;
+        }
         let version = self.library.publish_model(name, model, evidence).map_err(|e| e.to_string())?;
         let stored = self.library.get_version(name, version.as_str()).map_err(|e| e.to_string())?;
         Ok((version.to_string(), stored.model))

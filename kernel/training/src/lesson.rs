@@ -1,6 +1,7 @@
 //! What is learned from: an object drawn, looked at, analysed, and its truth in the network's terms.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use nalgebra::Vector3;
 use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
@@ -13,8 +14,8 @@ pub struct Inputs {
     pub pieces: Matrix,
     /// Of their points.
     pub points: Matrix,
-    /// Of pairs.
-    pub pairs: Matrix,
+    /// Of pairs; a thing and its mirror image share them.
+    pub pairs: Arc<Matrix>,
 }
 
 /// A true joint in the network's terms.
@@ -72,14 +73,22 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
         7 => Category::Door,
         _ => Category::Storage,
     };
-    // One thing in twelve has no moving part.
-    let of: Vec<&Family> = match random.chance(0.08) {
+    // One thing in ten has no moving part.
+    let of: Vec<&Family> = match random.chance(0.1) {
         true => STILL.iter().filter(|f| f.held_out == held_out).collect(),
         false => families(category, held_out),
     };
     let family = of[random.index(of.len())];
-    let object = family.draw(&mut random);
-    let how = Look::draw(&mut random);
+    let mut object = family.draw(&mut random);
+    // Toys and small household things are made like furniture.
+    if random.chance(0.12) {
+        object = object.scaled(random.scale(0.25, 0.9));
+    }
+    let mut how = Look::draw(&mut random);
+    // A wrist camera does not see a whole fridge.
+    if random.chance(0.12) {
+        how.near = random.between(0.35, 0.8);
+    }
     let cloud = look(&object, &how, &mut random);
     let analyses = analyse(&cloud.points).ok()?;
     let out = cloud.X_WF.rotation * Vector3::x();
@@ -130,7 +139,7 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
     }
     let inputs = |s: &Side<'_>, touching: &[f64]| {
         let f = s.features(touching);
-        Inputs { pieces: f.pieces, points: f.points, pairs: f.pairs }
+        Inputs { pieces: f.pieces, points: f.points, pairs: Arc::new(f.pairs) }
     };
     let side = |at: (usize, usize), mirror: bool| {
         let side = Side::new(&analyses[at.0], at.1);
@@ -146,7 +155,7 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
             let slides = joint.kind == Kind::Prismatic;
             if let Some((candidate, residual)) = front.target(&options, k, slides, &axis, &origin) {
                 kept.push(parts[k].clone());
-                let residual = (!slides).then(|| residual.map(|x| x.clamp(-2.5, 2.5) as f32));
+                let residual = (!slides).then(|| residual.map(|x| x.clamp(-4.0, 4.0) as f32));
                 joints.push(JointTruth { candidate, residual });
             }
         }
@@ -155,5 +164,10 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
         let (class, part, weight) = (class.clone(), part.clone(), weight.clone());
         Lesson { category: object.category, front: inputs(&front, &near), other, class, part, weight, parts: kept, candidates, joints }
     };
-    Some(vec![taught(false), taught(true)])
+    let (one, mut image) = (taught(false), taught(true));
+    // Nothing that is told of a pair tells left from right.
+    debug_assert!(one.front.pairs.relative_eq(&image.front.pairs, 1e-4, 1e-4));
+    image.front.pairs = one.front.pairs.clone();
+    image.other.pairs = one.other.pairs.clone();
+    Some(vec![one, image])
 }

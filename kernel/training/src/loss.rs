@@ -63,7 +63,7 @@ impl Score {
 }
 
 fn trunk(network: &mut Network<'_, Tape<'_>>, inputs: &Inputs) -> Result<Trunk<Value>, ModellingError> {
-    network.trunk(inputs.pieces.clone(), inputs.points.clone(), inputs.pairs.clone())
+    network.trunk(inputs.pieces.clone(), inputs.points.clone(), inputs.pairs.as_ref().clone())
 }
 
 fn sigmoid(x: f32) -> f32 {

@@ -9,24 +9,24 @@ use clap::Parser;
 use sagci_modelling::Weights;
 use sagci_training::{Settings, lessons, train};
 
-/// Trains the networks that read object models off point clouds. Left as they are, the settings are those of the weights that ship.
+/// Trains the networks that read object models off point clouds. Without settings, by the rounds that made the weights that ship.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// Everything is drawn from it.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[arg(long)]
+    seed: Option<u64>,
     /// Objects that are learned from.
-    #[arg(long, default_value_t = 3500)]
-    objects: u64,
+    #[arg(long)]
+    objects: Option<u64>,
     /// How often each is seen.
-    #[arg(long, default_value_t = 8)]
-    epochs: usize,
+    #[arg(long)]
+    epochs: Option<usize>,
     /// Objects a step.
-    #[arg(long, default_value_t = 16)]
-    batch: usize,
+    #[arg(long)]
+    batch: Option<usize>,
     /// Greatest rate of learning.
-    #[arg(long, default_value_t = 2e-3)]
-    rate: f64,
+    #[arg(long)]
+    rate: Option<f64>,
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -36,6 +36,30 @@ struct Arguments {
     /// The file to write.
     #[arg(long)]
     out: PathBuf,
+}
+
+/// What made the weights that ship: one round after the other, each on objects of its own. What a round does not say is as in the first.
+const ROUNDS: [Settings; 2] = [
+    Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3 },
+    Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3 },
+];
+
+impl Arguments {
+    /// The rounds that are asked for.
+    fn rounds(&self) -> Vec<Settings> {
+        let settings = [self.seed.is_some(), self.objects.is_some(), self.epochs.is_some(), self.batch.is_some(), self.rate.is_some()];
+        if self.from.is_none() && !settings.contains(&true) {
+            return ROUNDS.to_vec();
+        }
+        let usual = ROUNDS[0];
+        vec![Settings {
+            seed: self.seed.unwrap_or(usual.seed),
+            objects: self.objects.unwrap_or(usual.objects),
+            epochs: self.epochs.unwrap_or(usual.epochs),
+            batch: self.batch.unwrap_or(usual.batch),
+            rate: self.rate.unwrap_or(usual.rate),
+        }]
+    }
 }
 
 /// What is added to the seed of the objects that are learned from, for those that are not.
@@ -53,22 +77,25 @@ fn main() -> ExitCode {
 
 fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     rayon::ThreadPoolBuilder::new().num_threads(a.threads).build_global()?;
-    let settings = Settings { seed: a.seed, objects: a.objects, epochs: a.epochs, batch: a.batch, rate: a.rate };
-    let from = a.from.as_deref().map(Weights::read).transpose()?;
+    let mut weights = a.from.as_deref().map(Weights::read).transpose()?;
     let start = Instant::now();
-    let taught = lessons(a.seed, a.objects, false);
-    // Others of the same families: the held-out ones are for the evaluation alone.
-    let checked = lessons(a.seed.wrapping_add(FRESH), 60, false);
-    eprintln!("{} objects drawn and analysed in {:.0} s", taught.len(), start.elapsed().as_secs_f64());
-    let weights = train(&settings, from.as_ref(), &taught, &checked, &mut |line, so_far| {
-        eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
-        // What was learned so far is kept, should the run be cut off.
-        if let Err(e) = so_far.to_bytes().map_err(|e| e.to_string()).and_then(|b| std::fs::write(&a.out, b).map_err(|e| e.to_string())) {
-            eprintln!("{}: {e}", a.out.display());
-        }
-    })?;
-    let bytes = weights.to_bytes()?;
-    std::fs::write(&a.out, &bytes)?;
-    eprintln!("{}: {} bytes", a.out.display(), bytes.len());
+    for settings in a.rounds() {
+        let taught = lessons(settings.seed, settings.objects, false);
+        // Others of the same families: the held-out ones are for the evaluation alone.
+        let checked = lessons(settings.seed.wrapping_add(FRESH), 60, false);
+        eprintln!("{} objects drawn and analysed in {:.0} s", taught.len(), start.elapsed().as_secs_f64());
+        let trained = train(&settings, weights.as_ref(), &taught, &checked, &mut |line, so_far| {
+            eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
+            // What was learned so far is kept, should the run be cut off.
+            let bytes = so_far.to_bytes().map_err(|e| e.to_string());
+            if let Err(e) = bytes.and_then(|b| std::fs::write(&a.out, b).map_err(|e| e.to_string())) {
+                eprintln!("{}: {e}", a.out.display());
+            }
+        })?;
+        let bytes = trained.to_bytes()?;
+        std::fs::write(&a.out, &bytes)?;
+        eprintln!("{}: {} bytes", a.out.display(), bytes.len());
+        weights = Some(trained);
+    }
     Ok(())
 }

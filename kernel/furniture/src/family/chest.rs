@@ -83,6 +83,22 @@ pub(super) fn deep_lid(b: &mut Builder<'_>) {
     with_walls(b, w, deep, 0.0);
 }
 
+/// A lid on a slab hardly thicker than itself: notebooks, cases for games, scanners.
+pub(super) fn slab_lid(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let (x, y) = (r.between(0.09, 0.3), r.between(0.12, 0.35));
+    let (low, thick, gap) = (r.between(0.012, 0.12), r.between(0.006, 0.05), r.between(0.0005, 0.003));
+    b.body.push(Solid::between([-x, -y, 0.0], [x, y, low]));
+    if r.chance(0.4) {
+        // What lies on it, under the lid.
+        b.body.push(Solid::between([-0.2 * x, -0.8 * y, low], [0.7 * x, 0.8 * y, low + gap]));
+    }
+    let over = r.between(0.0, 0.006);
+    let lid = vec![Solid::between([-x, -y - over, low + gap], [x + over, y + over, low + gap + thick])];
+    let w = Walls { x, y, z: low, wall: 0.01 };
+    w.lid(b, lid, low + gap);
+}
+
 /// A casket: a shallow lid that stands over the walls, small feet, an inner tray.
 pub(super) fn casket(b: &mut Builder<'_>) {
     let w = Walls::draw(b, [0.008, 0.016]);

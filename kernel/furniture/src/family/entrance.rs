@@ -126,6 +126,92 @@ pub(super) fn sliding_before_wall(b: &mut Builder<'_>) {
     b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [x, 0.0, z / 2.0], upper);
 }
 
+/// A pane in rails, from `y` and `z` to, its outer face at `x`: a rim of bars about a thinner sheet.
+fn pane(b: &mut Builder<'_>, x: f64, y: [f64; 2], z: [f64; 2]) -> Vec<Solid> {
+    let (thick, rim) = (b.random.between(0.012, 0.04), b.random.between(0.015, 0.06).min(0.2 * (y[1] - y[0])).min(0.2 * (z[1] - z[0])));
+    let back = thick * b.random.between(0.2, 0.8);
+    let glass = if b.random.chance(0.5) { b.random.between(0.0, 0.4) } else { 0.0 };
+    vec![
+        Solid::between([x - thick, y[0], z[0]], [x, y[0] + rim, z[1]]),
+        Solid::between([x - thick, y[1] - rim, z[0]], [x, y[1], z[1]]),
+        Solid::between([x - thick, y[0], z[0]], [x, y[1], z[0] + rim]),
+        Solid::between([x - thick, y[0], z[1] - rim], [x, y[1], z[1]]),
+        Solid::between([x - thick + 0.001, y[0] + rim, z[0] + rim], [x - back, y[1] - rim, z[1] - rim]).dark(glass),
+    ]
+}
+
+/// Four bars about a hole, as of a window: its half width, from and to along z, half depth and bar.
+fn window(b: &mut Builder<'_>) -> ([f64; 2], [f64; 2], f64) {
+    let r = &mut b.random;
+    let (y, low, high) = (r.scale(0.12, 0.7), r.pick([0.02, 0.05, 0.5]), r.scale(0.35, 1.3));
+    let (x, bar) = (r.between(0.03, 0.07), r.between(0.02, 0.06));
+    let (z0, z1) = (low, low + high);
+    b.body.extend([
+        Solid::between([-x, -y - bar, z0 - bar], [x, -y, z1 + bar]),
+        Solid::between([-x, y, z0 - bar], [x, y + bar, z1 + bar]),
+        Solid::between([-x, -y, z1], [x, y, z1 + bar]),
+        Solid::between([-x, -y, z0 - bar], [x, y, z0]),
+    ]);
+    if z0 > 0.3 {
+        // The wall below.
+        b.body.push(Solid::between([-0.7 * x, -y - bar, 0.0], [0.7 * x, y + bar, z0 - bar]));
+    }
+    ([-y, y], [z0, z1], x)
+}
+
+/// Something to push it by, amid one of its bars.
+fn pull(b: &mut Builder<'_>, x: f64, at: [f64; 2], upright: bool, edge: f64) -> Vec<Solid> {
+    let handle = match b.random.index(3) {
+        0 => Handle::None,
+        1 => Handle::Knob { radius: b.random.between(0.008, 0.016), length: b.random.between(0.015, 0.03) },
+        _ => Handle::Bar {
+            share: b.random.between(0.15, 0.6),
+            radius: b.random.between(0.005, 0.012),
+            off: b.random.between(0.025, 0.06),
+            round: b.random.chance(0.5),
+        },
+    };
+    solids(handle, &Seat { x, at, upright, edge, toward: 1.0 })
+}
+
+/// A pane that is pushed up behind or before a fixed one.
+pub(super) fn sash_window(b: &mut Builder<'_>) {
+    let (y, z, x) = window(b);
+    let meet = z[0] + (z[1] - z[0]) * b.random.between(0.4, 0.6);
+    let (near, far) = (x - b.random.between(0.002, 0.012), -b.random.between(0.0, 0.01));
+    let before = b.random.chance(0.7);
+    let still = pane(b, if before { far } else { near }, y, [meet - 0.015, z[1]]);
+    b.body.extend(still);
+    let face = if before { near } else { far };
+    let mut all = pane(b, face, [y[0] + 0.003, y[1] - 0.003], [z[0] + 0.003, meet + 0.015]);
+    let at = [b.random.between(-0.3, 0.3) * y[1], z[0] + 0.02];
+    all.extend(pull(b, face, at, false, y[1] - y[0]));
+    let upper = (z[1] - meet) * b.random.between(0.7, 0.95);
+    b.hang(Class::Door, all, Kind::Prismatic, Vector3::z(), [face, 0.0, (z[0] + meet) / 2.0], upper);
+}
+
+/// Two panes in a frame, one of which, or each, is pushed sideways before the other.
+pub(super) fn sliding_panes(b: &mut Builder<'_>) {
+    let (y, z, x) = window(b);
+    let meet = y[1] * b.random.between(-0.15, 0.15);
+    let (near, far) = (x - b.random.between(0.002, 0.012), -b.random.between(0.0, 0.01));
+    let left = b.random.chance(0.5);
+    let both = b.random.chance(0.3);
+    for (side, face) in [(left, near), (!left, far)] {
+        let own = if side { [meet - 0.015, y[1] - 0.003] } else { [y[0] + 0.003, meet + 0.015] };
+        let mut all = pane(b, face, own, [z[0] + 0.003, z[1] - 0.003]);
+        if face < near && !both {
+            b.body.extend(all);
+            continue;
+        }
+        let toward = if side { -1.0 } else { 1.0 };
+        let at = [if side { own[1] - 0.02 } else { own[0] + 0.02 }, b.random.between(0.35, 0.65) * (z[0] + z[1])];
+        all.extend(pull(b, face, at, true, z[1] - z[0]));
+        let upper = (own[1] - own[0]) * b.random.between(0.7, 0.95);
+        b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [face, (own[0] + own[1]) / 2.0, (z[0] + z[1]) / 2.0], upper);
+    }
+}
+
 /// A door under a fixed panel.
 pub(super) fn under_transom(b: &mut Builder<'_>) {
     let mut frame = Frame::draw(b, [0.7, 1.3]);

@@ -92,3 +92,25 @@ pub(super) fn vessel(b: &mut Builder<'_>) {
     b.body.push(Solid::between([0.0, -t, 0.75 * h], [radius + off, t, 0.8 * h]));
     b.body.push(Solid::between([0.0, -t, 0.2 * h], [radius + off, t, 0.25 * h]));
 }
+
+/// Cylinders on one another, as of lamps, plants in pots, stools and tins; some with knobs and grips at their sides.
+pub(super) fn turned_pieces(b: &mut Builder<'_>) {
+    let scale = b.random.scale(0.06, 0.3);
+    let mut z = 0.0;
+    for k in 0..1 + b.random.index(4) {
+        let (r, h) = (scale * b.random.between(0.15, 1.0), scale * b.random.between(0.1, 1.6));
+        b.body.push(Solid::cylinder([0.0, 0.0, z + h / 2.0], 2, r, h / 2.0));
+        if k == 0 && b.random.chance(0.4) {
+            let (t, at) = (0.12 * r, z + h * b.random.between(0.4, 0.9));
+            for side in [-1.0, 1.0] {
+                let y = side * (r + 1.5 * t);
+                b.body.push(Solid::between([-0.4 * r, y - 1.6 * t, at - t], [0.4 * r, y + 1.6 * t, at + t]));
+            }
+        }
+        z += h;
+    }
+    if b.random.chance(0.3) {
+        let r = 0.15 * scale;
+        b.body.push(Solid::cylinder([0.0, 0.0, z + r], 2, r, r));
+    }
+}

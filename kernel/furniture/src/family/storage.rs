@@ -1,8 +1,11 @@
 //! Cupboards, chests of drawers, wardrobes, desks.
 
+use nalgebra::Vector3;
+
 use crate::carcass::{Carcass, contents};
 use crate::front::{Builder, Cell, Edge};
-use crate::object::Solid;
+use crate::handle::{Seat, solids};
+use crate::object::{Class, Kind, Solid};
 
 fn cabinet(b: &mut Builder<'_>, width: [f64; 2], depth: [f64; 2], height: [f64; 2], legs: bool) -> Carcass {
     let r = &mut b.random;
@@ -244,6 +247,43 @@ pub(super) fn tall_unit(b: &mut Builder<'_>) {
     for row in rows(b, &c, &cell, &s, true) {
         let kind = b.random.pick([Use::Doors, Use::Drawers, Use::FlapDown, Use::FlapUp, Use::Open]);
         furnish(b, &c, &row, kind);
+    }
+}
+
+/// Doors that slide past one another, or one that slides before what is shut for good.
+pub(super) fn sliding_fronts(b: &mut Builder<'_>) {
+    let c = cabinet(b, [0.6, 1.6], [0.3, 0.6], [0.35, 2.0], false);
+    let m = c.board;
+    let (y, z) = ([-c.width / 2.0 + m, c.width / 2.0 - m], [c.bottom + m, c.top - m]);
+    let meet = c.width * b.random.between(-0.12, 0.12);
+    let thick = b.style.thick;
+    let before = b.random.chance(0.4);
+    // Before the carcass, or in two grooves between its boards.
+    let near = if before { c.front() + 0.004 + thick } else { c.front() - 0.004 };
+    let far = near - thick - 0.006;
+    let left = b.random.chance(0.5);
+    let both = !before && b.random.chance(0.6);
+    let cell = Cell { x: c.front(), y, z, depth: 0.0 };
+    fill(b, &c, &cell);
+    for (side, face) in [(left, near), (!left, far)] {
+        let own = if side { [meet - 0.02, y[1] - 0.002] } else { [y[0] + 0.002, meet + 0.02] };
+        if face < near && !both {
+            match b.random.index(3) {
+                0 => b.body.push(Solid::between([-c.depth / 2.0, own[0], z[0]], [c.front(), own[1], z[1]])),
+                1 => b.body.push(Solid::between([far - thick, own[0], z[0]], [far.min(c.front()), own[1], z[1]])),
+                _ => {}
+            }
+            continue;
+        }
+        let mut all = vec![Solid::between([face - thick, own[0], z[0] + 0.002], [face, own[1], z[1] - 0.002])];
+        let w = own[1] - own[0];
+        let at = [if side { own[1] - 0.12 * w } else { own[0] + 0.12 * w }, (z[0] + z[1]) / 2.0];
+        let at = if b.random.chance(0.3) { [(own[0] + own[1]) / 2.0, at[1]] } else { at };
+        let handle = b.style.door_handle;
+        all.extend(solids(handle, &Seat { x: face, at, upright: true, edge: z[1] - z[0], toward: 1.0 }));
+        let toward = if side { -1.0 } else { 1.0 };
+        let upper = w * b.random.between(0.7, 0.97);
+        b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [face, (own[0] + own[1]) / 2.0, (z[0] + z[1]) / 2.0], upper);
     }
 }
 

@@ -309,6 +309,13 @@ impl Live {
     pub fn look_around(&mut self, sought: &[Sought]) -> Result<(), Stop> {
         let names: Vec<String> = sought.iter().map(|s| s.object.clone()).collect();
         self.progress.event(self.seed, &Event::Looking { objects: &names });
+        let views = self.views_around()?;
+        self.locate(&views, sought)?;
+        Ok(())
+    }
+
+    /// Images from all configurations from which the robot looks.
+    pub fn views_around(&mut self) -> Result<Vec<View>, Stop> {
         let mut views = Vec::new();
         for q in self.look_configurations() {
             if self.move_to(&[q])?.is_ok() {
@@ -318,8 +325,7 @@ impl Live {
         if views.is_empty() {
             views.push(self.view()?);
         }
-        self.locate(&views, sought)?;
-        Ok(())
+        Ok(views)
     }
 
     /// Looks from here, then from the robot's configurations, then from where a view of what is left is to be had, until
@@ -370,16 +376,14 @@ impl Live {
             let (holder, model) = (&self.belief.objects[c], &self.things[c].model);
             holder.X_WO.rotation * model.X_OL(&holder.q)[link].rotation * nalgebra::Vector3::from(region.opening)
         });
+        self.aimed_at(&target, opening.as_ref())
+    }
+
+    /// Configurations from which a place should be seen, through an opening if there is one.
+    pub fn aimed_at(&self, target: &Point3<f64>, opening: Option<&nalgebra::Vector3<f64>>) -> Vec<Vec<f64>> {
         let Ok(world) = self.planning_scene().and_then(|scene| CollisionWorld::new(&scene)) else { return Vec::new() };
-        aim::configurations(
-            &world,
-            &self.scene.robot,
-            &target,
-            opening.as_ref(),
-            &self.observation.q,
-            self.observation.gripper_width,
-            self.seed,
-        )
+        let (q, width) = (&self.observation.q, self.observation.gripper_width);
+        aim::configurations(&world, &self.scene.robot, target, opening, q, width, self.seed)
     }
 
     /// The region of another object in which a point lies.

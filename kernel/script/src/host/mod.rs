@@ -5,6 +5,7 @@ mod arm;
 mod belief;
 mod gap;
 mod geometry;
+mod learn;
 mod live;
 /// What happens in a run, as it happens.
 pub mod progress;

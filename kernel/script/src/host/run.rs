@@ -200,7 +200,7 @@ pub(super) struct Host {
 
 impl Host {
     /// Makes the world after the script's first words, and looks around.
-    fn begin(&mut self) -> Result<(), Stop> {
+    pub(super) fn begin(&mut self) -> Result<(), Stop> {
         let (scene, belief) = self.declared.scene(self.kit.models.as_ref()).map_err(Stop::Refused)?;
         if let Some(goals) = &self.goals {
             goals.check(&scene).map_err(|e| Stop::Refused(Refusal { message: format!("the goals beside the script: {e}"), hint: None }))?;
@@ -209,7 +209,7 @@ impl Host {
             let facts = scene.robot.document.robot.as_ref();
             let q = facts.and_then(|f| f.configurations.iter().find(|c| c.name == scene.start)).map(|c| c.q.clone()).unwrap_or_default();
             let gripper_width = facts.map_or(0.0, |f| f.gripper.max_width);
-            let models = scene.objects.iter().map(|o| o.model.clone()).collect();
+            let models = scene.objects.iter().filter(|o| belief.object(&o.name).is_some()).map(|o| o.model.clone()).collect();
             self.phase = Phase::Planning(Box::new(Predicted { belief, q, gripper_width, models }));
             return Ok(());
         };
@@ -234,6 +234,8 @@ impl Host {
         let things = scene
             .objects
             .iter()
+            // What the robot is told nothing of is not known to the host either.
+            .filter(|o| belief.object(&o.name).is_some())
             .map(|o| Thing {
                 model: o.model.clone(),
                 declared: Some(o.placement.clone()),
@@ -256,7 +258,8 @@ impl Host {
             sensed: Vec::new(),
         };
         let all: Vec<Sought> = live.belief.objects.iter().map(|o| Sought::object(&o.name)).collect();
-        let looked = live.look_around(&all);
+        // Where nothing is declared there is nothing to look for yet.
+        let looked = if all.is_empty() { Ok(()) } else { live.look_around(&all) };
         live.note_belief();
         // Kept also when it was interrupted: the report and the recording need it.
         self.phase = Phase::Live(Box::new(live));
@@ -451,6 +454,18 @@ impl Stage for Host {
             return Err(Refusal { message: format!("'{}' is declared after the robot has begun", declaration.name), hint });
         }
         self.declared.add(declaration, self.kit.models.as_ref())
+    }
+
+    fn unknown(&mut self, declaration: Declaration) -> Result<(), Refusal> {
+        if !matches!(self.phase, Phase::Declaring) {
+            let hint = Some("put everything there before the first skill is called".to_owned());
+            return Err(Refusal { message: format!("'{}' is put there after the robot has begun", declaration.name), hint });
+        }
+        self.declared.add_unknown(declaration, self.kit.models.as_ref())
+    }
+
+    fn learn(&mut self, name: &str) -> Result<(), Stop> {
+        self.learn_object(name)
     }
 
     fn robot(&mut self, model: &str) -> Result<(), Refusal> {

@@ -1,6 +1,6 @@
 //! From what a script says is there to the scene of the world and the first belief.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -12,6 +12,7 @@ use super::geometry;
 use crate::Models;
 use crate::language::stage::{Declaration, DeclaredPlace, Quantity, Refusal};
 use crate::language::suggest::hint_among;
+use crate::language::value::{Angle, At};
 
 /// Height of the table's top, m: the robot stands on it, at the world's origin.
 const TABLE_HEIGHT: f64 = 0.0;
@@ -29,6 +30,8 @@ pub struct Declared {
     pub robot: Option<String>,
     /// The objects, in the script's order.
     pub objects: Vec<(Declaration, Arc<ObjectModel>)>,
+    /// Names of those of them of which the robot is told nothing: the world holds them, the belief does not.
+    unknown: BTreeSet<String>,
     /// Joints in which the world hides an effect, by object.
     hidden: BTreeMap<String, String>,
 }
@@ -79,6 +82,20 @@ impl Declared {
         }
         self.objects.push((declaration, model));
         Ok(())
+    }
+
+    /// The same of a thing of which the robot is told nothing.
+    pub fn add_unknown(&mut self, declaration: Declaration, models: &dyn Models) -> Result<(), Refusal> {
+        let name = declaration.name.clone();
+        self.add(declaration, models)?;
+        self.unknown.insert(name);
+        Ok(())
+    }
+
+    /// A thing that the robot has come to know by itself: where it stands is believed, not declared.
+    pub fn learned(&mut self, name: &str, model: Arc<ObjectModel>, at: At) {
+        let place = DeclaredPlace::Table { at, facing: Angle(0.0) };
+        self.objects.push((Declaration { name: name.to_owned(), model: name.to_owned(), place, joints: Vec::new() }, model));
     }
 
     /// The world is to hide an effect in a joint; in the first moving one if none is named.
@@ -178,7 +195,9 @@ impl Declared {
             let name = declaration.name.clone();
             let hidden_effect = self.hidden.get(&name).cloned();
             objects.push(SceneObject { name: name.clone(), model: model.clone(), placement, q: q.clone(), hidden_effect });
-            beliefs.push(ObjectBelief { name, model: model.folder.clone(), X_WO, q, covariance, X_TO: None, seen: false });
+            if !self.unknown.contains(&name) {
+                beliefs.push(ObjectBelief { name, model: model.folder.clone(), X_WO, q, covariance, X_TO: None, seen: false });
+            }
         }
         let belief = SceneBelief {
             robot: robot.folder.clone(),

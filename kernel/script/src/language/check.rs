@@ -13,7 +13,7 @@ use rhai::{AST, ASTNode, Engine, Expr, FnCallExpr, Position, Stmt, Token};
 use sagci_model::{JointKind, ObjectModel};
 
 use super::bind::{Given, bind};
-use super::engine::{EXPECT_HINT, Nowhere, SCENE, Surroundings, engine, known_functions};
+use super::engine::{EXPECT_HINT, LEARN_HINT, Nowhere, SCENE, Surroundings, engine, known_functions};
 use super::gap::{GAP_HINT, GAP_OPTIONS};
 use super::modules::locate;
 use super::suggest::{did_you_mean, hint_among};
@@ -406,8 +406,16 @@ impl Checker<'_> {
                 _ => return self.skill(name, &arguments, position),
             }
         }
-        if base.is_some_and(|b| b.kind == Some(Kind::Scene)) && name == "expect" {
-            return self.expect(&arguments[1..], position);
+        if base.is_some_and(|b| b.kind == Some(Kind::Scene)) {
+            match name {
+                "expect" => return self.expect(name, &arguments[1..], position),
+                "unknown" => {
+                    self.expect(name, &arguments[1..], position);
+                    return Guess::of(Kind::Other);
+                }
+                "learn" => return self.learn(&arguments[1..], position),
+                _ => {}
+            }
         }
         if base.is_some_and(|b| b.kind == Some(Kind::Scene)) && name == "robot" {
             self.model_named(arguments.get(1));
@@ -621,13 +629,13 @@ impl Checker<'_> {
         }
     }
 
-    fn expect(&mut self, arguments: &[(Guess, Position)], position: Position) -> Guess {
+    fn expect(&mut self, function: &str, arguments: &[(Guess, Position)], position: Position) -> Guess {
         let model = self.model_named(arguments.first());
         match arguments.first() {
             Some((guess, at)) if guess.kind.is_some_and(|k| k != Kind::Text) => {
-                self.problem(*at, "scene.expect(...) needs the model's name first", Some(EXPECT_HINT.to_owned()));
+                self.problem(*at, format!("scene.{function}(...) needs the model's name first"), Some(EXPECT_HINT.to_owned()));
             }
-            None => self.problem(position, "scene.expect(...) needs the model's name", Some(EXPECT_HINT.to_owned())),
+            None => self.problem(position, format!("scene.{function}(...) needs the model's name"), Some(EXPECT_HINT.to_owned())),
             _ => {}
         }
         let mut name = arguments.first().and_then(|(g, _)| g.text()).map(str::to_owned);
@@ -647,24 +655,51 @@ impl Checker<'_> {
                 }
                 None => certain = false,
                 Some(other) => {
-                    self.problem(*at, format!("scene.expect(...) cannot use {}", other.words()), Some(EXPECT_HINT.to_owned()));
+                    self.problem(*at, format!("scene.{function}(...) cannot use {}", other.words()), Some(EXPECT_HINT.to_owned()));
                 }
             }
         }
         if certain && places != 1 {
             let message = if places == 0 { "it is not said where it is" } else { "it is said to be at two places" };
-            self.problem(position, format!("scene.expect(...): {message}"), Some(EXPECT_HINT.to_owned()));
+            self.problem(position, format!("scene.{function}(...): {message}"), Some(EXPECT_HINT.to_owned()));
         }
         // Only at the top can the same line not run twice.
         if let (Some(name), true) = (name, self.scopes.len() == 1) {
             if self.declared.contains(&name) {
-                let hint = format!("name one of them: scene.expect(\"{name}\", ..., \"second_{name}\")");
+                let hint = format!("name one of them: scene.{function}(\"{name}\", ..., \"second_{name}\")");
                 self.problem(position, format!("there is already a '{name}' in the scene"), Some(hint));
             }
             self.declared.push(name);
         }
         let facts = model.map_or(Facts::None, Facts::Object);
         Guess { kind: Some(Kind::Object), facts }
+    }
+
+    /// A thing that nobody has told of, by the name that it gets.
+    fn learn(&mut self, arguments: &[(Guess, Position)], position: Position) -> Guess {
+        match arguments {
+            [(guess, at)] => match (guess.kind, guess.text().map(str::to_owned)) {
+                (Some(Kind::Text), Some(name)) if self.scopes.len() == 1 => {
+                    if self.declared.contains(&name) {
+                        let message = format!("there is already a '{name}' in the scene");
+                        self.problem(*at, message, Some("give what is learned another name".to_owned()));
+                    }
+                    self.declared.push(name);
+                }
+                (None | Some(Kind::Text), _) => {}
+                (Some(other), _) => {
+                    self.problem(
+                        *at,
+                        format!("scene.learn(...) needs a name, and is given {}", other.words()),
+                        Some(LEARN_HINT.to_owned()),
+                    );
+                }
+            },
+            _ => {
+                self.problem(position, "scene.learn(...) takes the name that the thing gets, and nothing else", Some(LEARN_HINT.to_owned()))
+            }
+        }
+        Guess::of(Kind::Object)
     }
 
     /// The position of a joint at the start.

@@ -1,4 +1,12 @@
 //! The Rhai engine of task scripts: a small language, bounded in every direction, in which skills are functions.
+//!
+//! ```text
+//! scene.expect("model", at(...), facing(...))    // a thing of the library stands about there; answers the object
+//! scene.unknown("model", at(...), facing(...))   // a thing stands in the measured world of which the robot is told nothing; answers nothing
+//! scene.learn("name")                            // what the camera sees and nobody told of is modelled and kept; answers the object
+//! ```
+//!
+//! `scene.learn` fails with `not_seen`, which a script can catch, where nothing new is seen or what is seen cannot be modelled.
 
 use std::any::TypeId;
 use std::cell::RefCell;
@@ -136,6 +144,14 @@ impl Stage for Nowhere {
         Ok(())
     }
 
+    fn unknown(&mut self, _: Declaration) -> Result<(), Refusal> {
+        Ok(())
+    }
+
+    fn learn(&mut self, _: &str) -> Result<(), Stop> {
+        Err(Stop::Interrupted)
+    }
+
     fn robot(&mut self, _: &str) -> Result<(), Refusal> {
         Ok(())
     }
@@ -198,18 +214,32 @@ pub(super) fn quantity_value(quantity: Quantity) -> Dynamic {
 
 fn register_scene(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     for options in 0..=EXPECT_OPTIONS {
-        let stage = stage.clone();
         let mut types = vec![TypeId::of::<SceneHandle>(), TypeId::of::<rhai::ImmutableString>()];
         types.extend(vec![TypeId::of::<Dynamic>(); options]);
-        engine.register_raw_fn("expect", types, move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
+        let told = stage.clone();
+        engine.register_raw_fn("expect", &types, move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
             let position = context.call_position();
             let values: Vec<Dynamic> = args[1..].iter().map(|a| a.flatten_clone()).collect();
-            let declaration = declaration(position, &values)?;
+            let declaration = declaration("expect", position, &values)?;
             let name = declaration.name.clone();
-            stage.borrow_mut().expect(declaration).map_err(|r| refuse(r, position))?;
+            told.borrow_mut().expect(declaration).map_err(|r| refuse(r, position))?;
             Ok(ObjectHandle { name, joint: None })
         });
+        let untold = stage.clone();
+        engine.register_raw_fn("unknown", &types, move |context: NativeCallContext, args: &mut [&mut Dynamic]| {
+            let position = context.call_position();
+            let values: Vec<Dynamic> = args[1..].iter().map(|a| a.flatten_clone()).collect();
+            let declaration = declaration("unknown", position, &values)?;
+            untold.borrow_mut().unknown(declaration).map_err(|r| refuse(r, position))
+        });
     }
+    let learner = stage.clone();
+    engine.register_fn("learn", move |context: NativeCallContext, _: SceneHandle, name: &str| {
+        let learned = learner.borrow_mut().learn(name);
+        learned
+            .map(|()| ObjectHandle { name: name.to_owned(), joint: None })
+            .map_err(|stop| stopped("learn", stop, context.call_position()))
+    });
     let robot = stage.clone();
     engine.register_fn("robot", move |context: NativeCallContext, _: SceneHandle, model: &str| {
         robot.borrow_mut().robot(model).map_err(|r| refuse(r, context.call_position()))
@@ -272,11 +302,11 @@ fn register_scene(engine: &mut Engine, stage: &Rc<RefCell<dyn Stage>>) {
     }
 }
 
-/// Reads the arguments of `scene.expect`: the model's name, then what else is known, in any order.
-fn declaration(position: Position, args: &[Dynamic]) -> Result<Declaration, Raised> {
+/// Reads the arguments of `scene.expect` and `scene.unknown`: the model's name, then what else is known, in any order.
+fn declaration(function: &str, position: Position, args: &[Dynamic]) -> Result<Declaration, Raised> {
     let model = args[0].clone().into_string().unwrap_or_default();
     let (mut name, mut at, mut facing, mut inside, mut joints) = (None, None, None, None, Vec::new());
-    let twice = |what: &str| refuse_with(position, format!("scene.expect(\"{model}\", ...) is given {what} twice"), "");
+    let twice = |what: &str| refuse_with(position, format!("scene.{function}(\"{model}\", ...) is given {what} twice"), "");
     for arg in &args[1..] {
         match Kind::of(arg) {
             Kind::Text => {
@@ -313,7 +343,7 @@ fn declaration(position: Position, args: &[Dynamic]) -> Result<Declaration, Rais
                 }
             }
             other => {
-                let message = format!("scene.expect(\"{model}\", ...) cannot use {}", other.words());
+                let message = format!("scene.{function}(\"{model}\", ...) cannot use {}", other.words());
                 return Err(refuse_with(position, message, EXPECT_HINT));
             }
         }
@@ -332,6 +362,9 @@ fn declaration(position: Position, args: &[Dynamic]) -> Result<Declaration, Rais
 /// How `scene.expect` is written.
 pub const EXPECT_HINT: &str =
     "write scene.expect(\"model\", at(cm(60), cm(20)), facing(deg(90))) or scene.expect(\"model\", inside(other)); a further text names it";
+
+/// How `scene.learn` is written.
+pub const LEARN_HINT: &str = "write let fridge = scene.learn(\"my_fridge\")";
 
 fn register_skill(engine: &mut Engine, skill: LoadedSkill, stage: &Rc<RefCell<dyn Stage>>) {
     let skill = Rc::new(skill);

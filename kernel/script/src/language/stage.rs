@@ -152,6 +152,12 @@ pub trait Stage {
     /// A thing is said to be there.
     fn expect(&mut self, declaration: Declaration) -> Result<(), Refusal>;
 
+    /// A thing stands in the measured world of which the robot is told nothing.
+    fn unknown(&mut self, declaration: Declaration) -> Result<(), Refusal>;
+
+    /// `scene.learn(name)`: what the wrist's camera sees and nobody has told of becomes a model of the library and an object of the scene.
+    fn learn(&mut self, name: &str) -> Result<(), Stop>;
+
     /// The robot is said to be this one.
     fn robot(&mut self, model: &str) -> Result<(), Refusal>;
 

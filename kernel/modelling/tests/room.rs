@@ -1,0 +1,88 @@
+//! Objects in rooms: what is the wall's and the floor's is no part, and what belongs to the object stays.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+
+use sagci_furniture::{Class, FAMILIES, Family, Look, Noise, Object, Part, Random, Solid, look};
+use sagci_modelling::analyse;
+
+fn family(name: &str) -> &'static Family {
+    FAMILIES.iter().find(|f| f.name == name).unwrap()
+}
+
+/// Walls and a floor around an object, as one more part that stands still.
+fn in_a_room(mut object: Object, walls: &[Solid]) -> Object {
+    object.parts.push(Part { class: Class::Body, solids: walls.to_vec() });
+    object
+}
+
+fn how(random: &mut Random) -> Look {
+    Look { views: 1, width: 320, points: 30_000, near: 1.0, surroundings: false, noise: Noise::draw(random) }
+}
+
+/// Shares of the object's and of the room's points that are taken for the object's.
+fn kept(object: &Object, random: &mut Random) -> (f64, f64) {
+    let how = how(random);
+    let cloud = look(object, &how, random);
+    let room = object.parts.len() as i32 - 1;
+    let analyses = analyse(&cloud.points).unwrap();
+    let of = analyses[0].object_points();
+    let share = |own: &dyn Fn(i32) -> bool| {
+        let all: Vec<usize> = (0..cloud.part.len()).filter(|i| own(cloud.part[*i])).collect();
+        all.iter().filter(|i| of[**i]).count() as f64 / all.len().max(1) as f64
+    };
+    assert!(cloud.part.contains(&room), "the room is not seen");
+    (share(&|p| p != room), share(&|p| p == room))
+}
+
+#[test]
+fn a_wall_and_a_floor_behind_furniture_are_no_part_of_it() {
+    let (mut lost, mut all) = (Vec::new(), Vec::new());
+    for name in ["one_door", "freezer_on_top", "wardrobe", "cooker_with_drawer", "chest_of_drawers", "wall_cabinet"] {
+        for seed in 0..4 {
+            let mut random = Random::new(seed, name);
+            let object = family(name).draw(&mut random);
+            let (low, high) = object.bounds();
+            let back = object.parts[0].solids.iter().map(|s| s.center.x - s.half.x).fold(f64::INFINITY, f64::min);
+            let wall = Solid::between([back - 0.1, low.y - 0.6, -0.003], [back - 0.02, high.y + 0.6, high.z + 0.4]);
+            let floor = Solid::between([back - 0.1, low.y - 0.6, -0.003], [high.x + 0.4, high.y + 0.6, -0.001]);
+            let (own, room) = kept(&in_a_room(object, &[wall, floor]), &mut random);
+            // A back board two centimetres before a wall goes with it, as far as it is seen from within.
+            all.push(own);
+            if own < 0.6 || room > 0.1 {
+                lost.push(format!("{name} {seed}: {own:.2} of the object and {room:.2} of the room were kept"));
+            }
+        }
+    }
+    assert!(lost.len() <= 2, "{lost:#?}");
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    assert!(mean > 0.93, "only {mean:.2} of the objects is kept");
+}
+
+#[test]
+fn a_door_in_a_wall_stays_with_its_frame() {
+    for name in ["single_in_frame", "in_wall", "double_in_frame", "sliding_before_wall", "under_transom"] {
+        for seed in 0..8 {
+            let mut random = Random::new(seed, name);
+            let object = family(name).draw(&mut random);
+            let how = how(&mut random);
+            let cloud = look(&object, &how, &mut random);
+            let Ok(analyses) = analyse(&cloud.points) else { continue };
+            let of = analyses[0].object_points();
+            let share = of.iter().filter(|k| **k).count() as f64 / of.len() as f64;
+            assert!(share > 0.95, "{name} {seed}: only {share:.2} of the door was kept");
+        }
+    }
+}
+
+#[test]
+fn no_wall_is_seen_where_there_is_none() {
+    for family in FAMILIES.iter().filter(|f| !f.held_out) {
+        for seed in 0..3 {
+            let mut random = Random::new(seed, family.name);
+            let object = family.draw(&mut random);
+            let how = Look::draw(&mut random);
+            let cloud = look(&object, &how, &mut random);
+            let Ok(analyses) = analyse(&cloud.points) else { continue };
+            assert!(!analyses[0].notes().iter().any(|n| n.contains("wall")), "{} {seed}: a wall was seen", family.name);
+        }
+    }
+}
