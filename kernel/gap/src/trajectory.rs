@@ -276,7 +276,7 @@ impl Trajectory {
     /// One stretch of so many seconds in every so many, and the rows of which it is made.
     pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
         let n = self.joints;
-        let kept = |k: &usize| ((self.time[*k] - self.time[0]) / stretch) as usize % every == 0;
+        let kept = |k: &usize| (((self.time[*k] - self.time[0]) / stretch) as usize).is_multiple_of(every);
         let rows: Vec<usize> = (0..self.rows()).filter(kept).collect();
         let first = |i: usize| i == 0 || rows[i] != rows[i - 1] + 1 || self.starts.contains(&rows[i]);
         let starts: Vec<usize> = (0..rows.len()).filter(|i| first(*i)).collect();
