@@ -64,6 +64,9 @@ pub struct Found {
 const MOST: usize = 4;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
+/// How many times its noise floor a gap is that cannot be smaller, and the evidence that a force without a name needs there.
+const NEAR_FLOOR: f64 = 1.2;
+const CERTAIN: f64 = 100.0;
 /// How much more than all names a force without a name has to say before they are only its nearest neighbours.
 const NEIGHBOUR: f64 = 2.0;
 /// Share of the lacking force below which nobody minds that it has no name.
@@ -255,11 +258,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let typical = search.typical_force();
     // Windows that are far off say so even where the force is small beside others.
     let off = gap.train.after > FAR * gap.train.noise_floor;
+    // A model that lacks no name and predicts as well as the noise lets any lacks nothing that its errors alone hint at.
+    let at_the_floor = chosen.is_empty() && gap.train.after < NEAR_FLOOR * gap.train.noise_floor;
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
-        (felt && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
+        let likely = n.evidence > if at_the_floor { CERTAIN } else { 0.0 };
+        (felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
             over: n.over.into(),
