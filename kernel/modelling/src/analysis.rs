@@ -171,6 +171,11 @@ impl Analysis {
         self.of_input.iter().map(Option::is_some).collect()
     }
 
+    /// Share of the object's points that lie on walls, whichever way these stand.
+    pub fn walled(&self) -> f64 {
+        crate::wall::walled(&self.superpoints, &self.points)
+    }
+
     /// What is worth telling a person.
     pub fn notes(&self) -> &[String] {
         &self.notes

@@ -32,6 +32,7 @@ mod report;
 mod side;
 mod solid;
 mod superpoint;
+mod wall;
 
 pub use analysis::{Analysis, analyse};
 pub use decide::PartClass;

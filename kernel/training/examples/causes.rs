@@ -1,0 +1,142 @@
+//! Why a true part is not found whole, by category and state: the first thing that goes wrong on the way from cloud to joint.
+//!
+//! `cargo run --release -p sagci-training --example causes -- WEIGHTS OBJECTS SEED [each] [CATEGORY]`
+#![allow(missing_docs, clippy::print_stdout, clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use sagci_furniture::{Category, Kind, Look, Random, families, look};
+use sagci_modelling::{Side, Weights, analyse, perceive};
+
+/// In the order in which they are looked for.
+const CAUSES: [&str; 9] = ["whole", "failed", "front", "cuts", "missed", "merged/split", "type", "hinge", "place"];
+
+struct Told {
+    category: &'static str,
+    state: &'static str,
+    cause: usize,
+    /// Overlap of the true part with the pieces that are mostly its, and with what was answered.
+    overlap: [f64; 2],
+    line: String,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let weights = Weights::read(std::path::Path::new(&arguments[0])).unwrap();
+    let number = |k: usize, otherwise: u64| arguments.get(k).and_then(|a| a.parse().ok()).unwrap_or(otherwise);
+    let (objects, seed) = (number(1, 30), number(2, 4242));
+    let each = arguments.iter().any(|a| a == "each");
+    let only = arguments.iter().find(|a| Category::ALL.iter().any(|c| c.name() == a.as_str()));
+    let asked: Vec<(Category, u64)> = Category::ALL
+        .into_iter()
+        .filter(|c| only.is_none_or(|o| o == c.name()))
+        .flat_map(|c| (0..objects).map(move |n| (c, n)))
+        .collect();
+    let told: Vec<Told> = asked.into_par_iter().flat_map_iter(|(c, n)| one(c, n, seed, &weights)).collect();
+    if each {
+        told.iter().for_each(|t| println!("{}", t.line));
+    }
+    println!("{:20} parts  pieces>.5 >.75  found>.5 >.75  {}", "", CAUSES.join("  "));
+    let row = |name: &str, of: &dyn Fn(&&Told) -> bool| {
+        let own: Vec<&Told> = told.iter().filter(|t| of(t)).collect();
+        let n = own.len().max(1) as f64;
+        let share = |f: &dyn Fn(&Told) -> bool| own.iter().filter(|t| f(t)).count() as f64 / n;
+        let over = |k: usize, x: f64| share(&|t: &Told| t.overlap[k] > x);
+        let causes: Vec<String> = (0..CAUSES.len()).map(|c| format!("{:.3}", share(&|t: &Told| t.cause == c))).collect();
+        println!(
+            "{name:20} {:5}  {:.3} {:.3}  {:.3} {:.3}  {}",
+            own.len(),
+            over(0, 0.5),
+            over(0, 0.75),
+            over(1, 0.5),
+            over(1, 0.75),
+            causes.join("  ")
+        );
+    };
+    for category in Category::ALL {
+        row(category.name(), &|t| t.category == category.name());
+        for state in ["shut", "ajar", "open"] {
+            row(&format!("  {state}"), &|t| t.category == category.name() && t.state == state);
+        }
+    }
+    row("all", &|_| true);
+    for state in ["shut", "ajar", "open"] {
+        row(state, &|t| t.state == state);
+    }
+}
+
+fn one(category: Category, index: u64, seed: u64, weights: &Weights) -> Vec<Told> {
+    let mut random = Random::new(seed.wrapping_mul(1009).wrapping_add(index), category.name());
+    let of = families(category, false);
+    let family = of[index as usize % of.len()];
+    let object = family.draw(&mut random);
+    let cloud = look(&object, &Look::draw(&mut random), &mut random);
+    let Ok(analyses) = analyse(&cloud.points) else { return Vec::new() };
+    let out = cloud.X_WF.rotation * Vector3::x();
+    let off = |a: &sagci_modelling::Analysis| (0..4).map(|q| Side::new(a, q).front().dot(&out)).fold(-1.0, f64::max);
+    let analysis = analyses.iter().max_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+    let of_input = analysis.piece_of_input();
+    let mut votes: Vec<BTreeMap<i32, f64>> = vec![BTreeMap::new(); analysis.pieces()];
+    for (part, piece) in cloud.part.iter().zip(&of_input) {
+        if let Some(piece) = piece {
+            *votes[*piece as usize].entry(*part).or_default() += 1.0;
+        }
+    }
+    let major: Vec<i32> = votes.iter().map(|v| v.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(p, _)| (*p).max(0))).collect();
+    let found = perceive(&cloud.points, "object", weights).ok();
+    let mut told = Vec::new();
+    for joint in &object.joints {
+        let own = |i: usize| cloud.part[i] == joint.part as i32;
+        let count = |f: &dyn Fn(usize) -> bool| (0..cloud.part.len()).filter(|i| f(*i)).count() as f64;
+        let seen = count(&own);
+        if seen < f64::max(20.0, 0.003 * cloud.part.len() as f64) {
+            continue;
+        }
+        let share = joint.state / joint.upper;
+        let state = if share < 0.005 { "shut" } else if share < 0.2 { "ajar" } else { "open" };
+        let taken = |i: usize| of_input[i].is_some_and(|p| major[p as usize] == joint.part as i32);
+        let possible = count(&|i| own(i) && taken(i)) / count(&|i| own(i) || taken(i));
+        let (axis, origin) = cloud.joint(joint);
+        let slides = joint.kind == Kind::Prismatic;
+        let mut line = format!("{}/{}/{index} {state} {:?} of {} seen {seen} possible {possible:.2}", category.name(), family.name, joint.kind, object.joints.len());
+        let (mut overlap, mut cause) = (0.0, 1);
+        if let Some(found) = &found {
+            let front = found.X_WO.rotation * -Vector3::y();
+            let front_off = front.dot(&out).clamp(-1.0, 1.0).acos().to_degrees();
+            let best = (1..found.report.parts.len() as i32)
+                .map(|k| (count(&|i| own(i) && found.part[i] == k) / count(&|i| own(i) || found.part[i] == k), k))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            overlap = best.map_or(0.0, |b| b.0);
+            let still = count(&|i| own(i) && found.part[i] == 0) / seen;
+            let answer = best.and_then(|(_, k)| found.report.joints.iter().find(|j| j.child == found.report.parts[k as usize].link));
+            line += &format!(" overlap {overlap:.2} front {front_off:.0}");
+            cause = match answer {
+                _ if overlap < 0.5 && front_off > 5.0 => 2,
+                _ if overlap < 0.5 && possible < 0.5 => 3,
+                _ if overlap < 0.5 && still > 0.5 => 4,
+                None => 5,
+                _ if overlap < 0.5 => 5,
+                Some(j) => {
+                    let right = (j.kind == "prismatic") == slides;
+                    let a = Vector3::from(j.axis);
+                    let turned = a.dot(&axis).abs().min(1.0).acos().to_degrees();
+                    let d: Vector3<f64> = origin - Point3::from(j.origin);
+                    let away = if slides { 0.0 } else { (d - a * d.dot(&a)).norm() };
+                    line += &format!(" {} turned {turned:.1} away {:.1} cm p {:.2}", j.kind, 100.0 * away, j.probabilities.revolute);
+                    match () {
+                        () if right && turned < 5.0 && away < 0.05 => 0,
+                        () if front_off > 5.0 => 2,
+                        () if !right => 6,
+                        () if turned > 5.0 || away > 0.15 => 7,
+                        () => 8,
+                    }
+                }
+            };
+        }
+        line += &format!("  {}", CAUSES[cause]);
+        told.push(Told { category: category.name(), state, cause, overlap: [possible, overlap], line });
+    }
+    told
+}
