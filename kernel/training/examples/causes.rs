@@ -29,11 +29,8 @@ fn main() {
     let (objects, seed) = (number(1, 30), number(2, 4242));
     let each = arguments.iter().any(|a| a == "each");
     let only = arguments.iter().find(|a| Category::ALL.iter().any(|c| c.name() == a.as_str()));
-    let asked: Vec<(Category, u64)> = Category::ALL
-        .into_iter()
-        .filter(|c| only.is_none_or(|o| o == c.name()))
-        .flat_map(|c| (0..objects).map(move |n| (c, n)))
-        .collect();
+    let asked: Vec<(Category, u64)> =
+        Category::ALL.into_iter().filter(|c| only.is_none_or(|o| o == c.name())).flat_map(|c| (0..objects).map(move |n| (c, n))).collect();
     let told: Vec<Told> = asked.into_par_iter().flat_map_iter(|(c, n)| one(c, n, seed, &weights)).collect();
     if each {
         told.iter().for_each(|t| println!("{}", t.line));
@@ -85,6 +82,8 @@ fn one(category: Category, index: u64, seed: u64, weights: &Weights) -> Vec<Told
         }
     }
     let major: Vec<i32> = votes.iter().map(|v| v.iter().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(p, _)| (*p).max(0))).collect();
+    let sides: Vec<Side<'_>> = (0..4).map(|q| Side::new(analysis, q)).collect();
+    let best_side = (0..4).max_by(|a, b| sides[*a].front().dot(&out).total_cmp(&sides[*b].front().dot(&out))).unwrap();
     let found = perceive(&cloud.points, "object", weights).ok();
     let mut told = Vec::new();
     for joint in &object.joints {
@@ -95,12 +94,32 @@ fn one(category: Category, index: u64, seed: u64, weights: &Weights) -> Vec<Told
             continue;
         }
         let share = joint.state / joint.upper;
-        let state = if share < 0.005 { "shut" } else if share < 0.2 { "ajar" } else { "open" };
+        let state = if share < 0.005 {
+            "shut"
+        } else if share < 0.2 {
+            "ajar"
+        } else {
+            "open"
+        };
         let taken = |i: usize| of_input[i].is_some_and(|p| major[p as usize] == joint.part as i32);
         let possible = count(&|i| own(i) && taken(i)) / count(&|i| own(i) || taken(i));
         let (axis, origin) = cloud.joint(joint);
         let slides = joint.kind == Kind::Prismatic;
-        let mut line = format!("{}/{}/{index} {state} {:?} of {} seen {seen} possible {possible:.2}", category.name(), family.name, joint.kind, object.joints.len());
+        let mut line = format!(
+            "{}/{}/{index} {state} {:?} of {} seen {seen} possible {possible:.2}",
+            category.name(),
+            family.name,
+            joint.kind,
+            object.joints.len()
+        );
+        // How far the nearest candidate of the true part's pieces is from the truth: what is left to the residual.
+        let group: Vec<usize> = (0..major.len()).filter(|i| major[*i] == joint.part as i32).collect();
+        if !group.is_empty() && !slides {
+            let options = sides[best_side].options(&[group]);
+            if let Some((_, r)) = sides[best_side].target(&options, 0, slides, &axis, &origin) {
+                line += &format!(" candidate {:.1} {:.1} cm", 5.0 * r[0], 5.0 * r[1]);
+            }
+        }
         let (mut overlap, mut cause) = (0.0, 1);
         if let Some(found) = &found {
             let front = found.X_WO.rotation * -Vector3::y();
