@@ -2,7 +2,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion};
-use sagci_modelling::{Perceived, Report, Weights};
+use sagci_modelling::{Lens, Perceived, Report, Weights};
 use serde::Deserialize;
 
 use crate::arguments::{Format, Perceive};
@@ -67,27 +67,13 @@ fn pose(rows: &[[f64; 4]; 4], view: usize) -> Result<Isometry3<f64>, CliError> {
     Ok(Isometry3::from_parts(Translation3::new(M[(0, 3)], M[(1, 3)], M[(2, 3)]), q))
 }
 
-/// Bins along a side of an image, and how many of them must hold the object for it to be cut off there.
-const BINS: usize = 24;
-const CUT: usize = 3;
-
-/// At which sides of its image a view cuts the object off; nothing where the view does not say its size and lens. `points` are the object's, in C.
-fn cut_off(view: &CameraView, points: impl Iterator<Item = Point3<f64>>) -> Vec<&'static str> {
-    let (Some(width), Some(height), Some(fx), Some(fy)) = (view.width, view.height, view.fx, view.fy) else { return Vec::new() };
-    let (cx, cy) = (view.cx.unwrap_or(width / 2.0), view.cy.unwrap_or(height / 2.0));
-    let strip = (0.01 * width).max(2.0);
-    let mut seen = [[false; BINS]; 4];
-    for p in points.filter(|p| p.z > 1e-3) {
-        let (u, v) = (fx * p.x / p.z + cx, fy * p.y / p.z + cy);
-        let bin = |t: f64, of: f64| ((t / of * BINS as f64).max(0.0) as usize).min(BINS - 1);
-        for (side, off, at) in
-            [(0, u, bin(v, height)), (1, width - u, bin(v, height)), (2, v, bin(u, width)), (3, height - v, bin(u, width))]
-        {
-            seen[side][at] |= off < strip;
-        }
+impl CameraView {
+    /// Its lens; none where the view does not say its size and focal lengths.
+    fn lens(&self) -> Option<Lens> {
+        let size = [self.width?, self.height?];
+        let center = [self.cx.unwrap_or(size[0] / 2.0), self.cy.unwrap_or(size[1] / 2.0)];
+        Some(Lens { size, focal: [self.fx?, self.fy?], center })
     }
-    let cut = |side: &usize| seen[*side].iter().filter(|s| **s).count() >= CUT;
-    (0..4).filter(cut).map(|side| ["left", "right", "upper", "lower"][side]).collect()
 }
 
 fn cameras(path: &Path, clouds: usize) -> Result<(Vec<Isometry3<f64>>, Cameras), CliError> {
@@ -114,8 +100,6 @@ pub fn perceive(arguments: &Perceive) -> Result<bool, CliError> {
     let poses = told.as_ref().map(|(poses, cameras)| (poses, cameras.frame));
     let weights = weights_of(arguments.weights.as_deref())?;
     let mut input: Vec<Point3<f64>> = Vec::new();
-    // Where each view's points end.
-    let mut ends = Vec::new();
     let mut world: Vec<Point3<f64>> = Vec::new();
     for (i, path) in arguments.clouds.iter().enumerate() {
         let points = sagci_cloud::read(path).map_err(wrong)?;
@@ -124,25 +108,12 @@ pub fn perceive(arguments: &Perceive) -> Result<bool, CliError> {
             _ => world.extend(&points),
         }
         input.extend(points);
-        ends.push(input.len());
     }
     let load = start.elapsed().as_secs_f64();
     let mut found = sagci_modelling::perceive(&world, &name, &weights).map_err(wrong)?;
     if let Some((poses, cameras)) = &told {
-        let mut from = 0;
-        for (i, view) in cameras.views.iter().enumerate() {
-            let own = (from..ends[i]).filter(|k| found.part[*k] >= 0).map(|k| poses[i].inverse() * world[k]);
-            let sides = cut_off(view, own);
-            if !sides.is_empty() {
-                let at = sides.join(" and ");
-                let note = format!(
-                    "view {} cuts the object off at its {at} edge: what lies beyond is in no part, and a joint there is a guess",
-                    i + 1
-                );
-                found.report.notes.push(note);
-            }
-            from = ends[i];
-        }
+        let views: Vec<_> = poses.iter().copied().zip(cameras.views.iter().map(CameraView::lens)).collect();
+        found.note_cut_offs(&world, &views);
     }
     drop(world);
     // One cloud in its camera's frame is answered in that frame; several have none in common but the world's.

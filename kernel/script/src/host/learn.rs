@@ -8,7 +8,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
 use sagci_library::Evidence;
 use sagci_model::ObjectModel;
-use sagci_modelling::{Perceived, Weights, perceive};
+use sagci_modelling::{Lens, Perceived, Weights, perceive};
 use sagci_perception::{View, unexplained};
 use sagci_signal::ObjectBelief;
 use sagci_skill::{Failure, FailureCode};
@@ -56,9 +56,11 @@ impl Host {
             return refuse(format!("'{name}' cannot be learned where nothing moves: no camera looks"), "run the script in a world");
         };
         live.progress.event(live.seed, &Event::Looking { objects: &[name.to_owned()] });
-        let cloud = live.new_points()?;
+        let (cloud, views) = live.new_points()?;
         let weights = Weights::shipped().map_err(|e| broken("the networks of perception", e))?;
-        let found = perceive(&cloud, name, &weights).map_err(|e| unseen(format!("{name}: {e}")))?;
+        let mut found = perceive(&cloud, name, &weights).map_err(|e| unseen(format!("{name}: {e}")))?;
+        // What no view saw the end of is learned too small: whoever reads the journal ought to know.
+        found.note_cut_offs(&cloud, &views.iter().map(seen_through).collect::<Vec<_>>());
         let standing = found.standing();
         let json = serde_json::to_string_pretty(&found.report).map_err(|e| broken("what was perceived", e))?;
         let evidence = [Evidence { name: "perception.json".into(), bytes: (json + "\n").into_bytes() }];
@@ -78,6 +80,13 @@ impl Host {
     }
 }
 
+/// Where a view's camera was, and its lens.
+fn seen_through(view: &View) -> (Isometry3<f64>, Option<Lens>) {
+    let image = &view.image;
+    let size = [image.width as f64, image.height as f64];
+    (view.X_WC, Some(Lens { size, focal: image.focal, center: image.center }))
+}
+
 /// What was found, in a line.
 fn said(name: &str, found: &Perceived) -> String {
     let joints: Vec<String> = found.report.joints.iter().map(|j| format!("{} ({})", j.name, j.kind)).collect();
@@ -90,7 +99,7 @@ fn said(name: &str, found: &Perceived) -> String {
 
 impl Live {
     /// What nobody has told of: from all around, then from nearer by.
-    fn new_points(&mut self) -> Result<Vec<Point3<f64>>, Stop> {
+    fn new_points(&mut self) -> Result<(Vec<Point3<f64>>, Vec<View>), Stop> {
         let mut views = self.views_around()?;
         let first = self.unexplained(&views)?;
         if first.len() < LEAST {
@@ -104,7 +113,8 @@ impl Live {
                 views.push(self.view()?);
             }
         }
-        self.unexplained(&views)
+        let points = self.unexplained(&views)?;
+        Ok((points, views))
     }
 
     fn unexplained(&self, views: &[View]) -> Result<Vec<Point3<f64>>, Stop> {
