@@ -6,6 +6,7 @@ use crate::ModellingError;
 use crate::analysis::Analysis;
 use crate::candidate::{Candidate, FARTHEST, Handle, handle};
 use crate::feature::{CANDIDATES, touching};
+use crate::grouping::Odds;
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
 
@@ -56,6 +57,7 @@ pub(crate) struct Motion {
 #[derive(Debug, Clone)]
 pub(crate) struct Moving {
     pub(crate) class: PartClass,
+    /// The intersection over union that it may expect with a true part.
     pub(crate) confidence: f64,
     /// Its superpoints.
     pub(crate) pieces: Vec<usize>,
@@ -72,7 +74,7 @@ pub(crate) struct Moving {
 /// What was decided.
 pub(crate) struct Decision {
     pub(crate) parts: Vec<Moving>,
-    /// How sure the body is.
+    /// The same of the body.
     pub(crate) body_confidence: f64,
     /// Probability of the most likely part that was not taken for one.
     pub(crate) doubt: f64,
@@ -170,7 +172,10 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize,
     let walled = analysis.walled();
     let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
     let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
-    let groups = group(analysis, &mut network, &seen, &moving, n)?;
+    let points: Vec<f64> = analysis.superpoints.iter().map(|s| s.points.len() as f64).collect();
+    let of_body: Vec<f64> = (0..n).map(|i| f64::from(classes[(i, 0)])).collect();
+    let odds = Odds::asked(moving, n, |pairs| seen.same_part(&mut network, n, pairs))?;
+    let groups = odds.groups(&points);
     let total = analysis.points.len();
     let size = |g: &[usize]| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum::<usize>();
     let still = |g: &[usize]| {
@@ -178,71 +183,23 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize,
     };
     let groups: Vec<Vec<usize>> =
         groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total && still(g) < STILL_GROUP).collect();
-    let mut body_confidence = (0.0, 0.0);
-    for i in 0..n {
-        if classes[(i, 0)] >= STILL {
-            let w = analysis.superpoints[i].points.len() as f64;
-            body_confidence.0 += w * f64::from(classes[(i, 0)]);
-            body_confidence.1 += w;
-        }
-    }
     let mut parts = Vec::new();
     if !groups.is_empty() {
         let (candidates, out) = seen.joints(&mut network, n, &groups)?;
         for (g, pieces) in groups.iter().enumerate() {
-            parts.push(moving_part(analysis, &seen.side, &classes, pieces, &candidates[g], &out, g * CANDIDATES));
+            let confidence = odds.overlap(pieces, &of_body, &points);
+            let part = moving_part(analysis, &seen.side, &classes, pieces, &candidates[g], &out, g * CANDIDATES);
+            parts.push(Moving { confidence, ..part });
         }
     }
     // The larger ones first: names count from there.
     parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
-    let body_confidence = body_confidence.0 / f64::max(body_confidence.1, 1.0);
+    let taken = |i: &usize| parts.iter().any(|p| p.pieces.contains(i));
+    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..n).partition(|i| !taken(i));
+    let right: f64 = own.iter().map(|i| points[*i] * of_body[*i]).sum();
+    let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * of_body[*i]).sum::<f64>();
+    let body_confidence = right / all.max(1.0);
     Ok((index, Decision { parts, body_confidence, doubt, walled, front: seen.side.front() }))
-}
-
-/// Groups moving superpoints: the two groups of greatest mean log-odds are joined while those are positive.
-fn group(
-    analysis: &Analysis,
-    network: &mut Network<'_, Plain<'_>>,
-    seen: &Seen<'_>,
-    moving: &[usize],
-    n: usize,
-) -> Result<Vec<Vec<usize>>, ModellingError> {
-    let m = moving.len();
-    let pairs: Vec<(usize, usize)> = (0..m).flat_map(|a| (a + 1..m).map(move |b| (a, b))).collect();
-    let mut odds = vec![0.0; m * m];
-    if !pairs.is_empty() {
-        let asked: Vec<(usize, usize)> = pairs.iter().map(|(a, b)| (moving[*a], moving[*b])).collect();
-        let answers = seen.same_part(network, n, &asked)?;
-        for (k, (a, b)) in pairs.iter().enumerate() {
-            odds[a * m + b] = f64::from(answers[k]);
-            odds[b * m + a] = odds[a * m + b];
-        }
-    }
-    let weight: Vec<f64> = moving.iter().map(|i| (analysis.superpoints[*i].points.len() as f64).sqrt()).collect();
-    let mut groups: Vec<Vec<usize>> = (0..m).map(|a| vec![a]).collect();
-    loop {
-        let mut best: Option<(f64, usize, usize)> = None;
-        for i in 0..groups.len() {
-            for j in i + 1..groups.len() {
-                let (mut sum, mut total) = (0.0, 0.0);
-                for a in &groups[i] {
-                    for b in &groups[j] {
-                        let w = weight[*a] * weight[*b];
-                        sum += w * odds[a * m + b];
-                        total += w;
-                    }
-                }
-                let mean = sum / total;
-                if mean > 0.0 && best.is_none_or(|x| mean > x.0) {
-                    best = Some((mean, i, j));
-                }
-            }
-        }
-        let Some((_, i, j)) = best else { break };
-        let from = groups.swap_remove(j);
-        groups[i].extend(from);
-    }
-    Ok(groups.into_iter().map(|g| g.into_iter().map(|a| moving[a]).collect()).collect())
 }
 
 fn moving_part(

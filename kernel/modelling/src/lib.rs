@@ -23,6 +23,7 @@ mod feature;
 mod frame;
 mod grid;
 mod ground;
+mod grouping;
 mod lens;
 pub mod network;
 mod normal;

@@ -33,7 +33,7 @@ pub struct PartReport {
     pub link: String,
     /// `body`, `door`, `drawer`, `lid` or `flap`.
     pub class: String,
-    /// Probability that it is a part of its own.
+    /// The overlap that it may expect with a true part: how sure it is to be one, and of what belongs to it.
     pub confidence: f64,
     /// Number of input points.
     pub points: usize,
