@@ -96,6 +96,10 @@ fn the_experiment_that_is_asked_for_is_done_and_its_recordings_are_used(recordin
         open(door, deg(50), #{pace: 1.5});
         close(door, #{pace: 0.7});";
     std::fs::write(&script, text).unwrap();
+    // What an earlier experiment left, of some other door.
+    let earlier = folder.path().join("found/experiment-1");
+    std::fs::create_dir_all(&earlier).unwrap();
+    std::fs::write(earlier.join("seed-1.run-1.hold-1.csv"), "not this one's").unwrap();
     let output = Command::new(program())
         .current_dir(root())
         .env_remove("SAGCI_SKILLS")
@@ -108,7 +112,7 @@ fn the_experiment_that_is_asked_for_is_done_and_its_recordings_are_used(recordin
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let notes = report["notes"].to_string();
     assert!(notes.contains("experiment 1") && notes.contains("2 recording(s)"), "{notes}");
-    assert!(folder.path().join("found/experiment-1/seed-1.run-2.hold-1.csv").is_file(), "{notes}");
+    assert!(folder.path().join("found/experiment-2/seed-1.run-2.hold-1.csv").is_file(), "{notes}");
 }
 
 #[test]

@@ -10,11 +10,10 @@ use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::observer::Noise;
-use crate::plots::{self, Predicted};
 use crate::report::{Gap, Gaps, JointGap};
 use crate::search::{FLOOR, Search};
 use crate::trajectory::Trajectory;
-use crate::windows::{Figures, Smoothed};
+use crate::windows::{Figures, Smoothed, Window};
 
 /// Longest step of the last fits and of predictions, s.
 pub(crate) const FINE: f64 = 1e-3;
@@ -65,7 +64,7 @@ pub(crate) fn gaps(
     train: &[Trajectory],
     unseen: &[Trajectory],
     options: &Options<'_>,
-) -> Result<(Gaps, Vec<Vec<Predicted>>), GapError> {
+) -> Result<(Gaps, Vec<Vec<Window>>), GapError> {
     let n = search.names.len();
     let ranges = ranges(search, model, train, unseen);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
@@ -80,16 +79,16 @@ pub(crate) fn gaps(
     let plants = made(FINE)?;
     // Following the data takes no finer steps than the search did.
     let followers = made(crate::search::STEP)?;
-    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Predicted>>), GapError> {
+    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Window>>), GapError> {
         // By the data alone, so that anyone who has them finds the same figures.
         let noise = noise::of_motion(data, n, FLOOR);
-        let both: Vec<(Figures, Vec<Predicted>)> = plants
+        let both: Vec<(Figures, Vec<Window>)> = plants
             .par_iter()
             .zip(&followers)
             .map(|(plant, follower)| {
                 // A model that gets lost along the data starts its windows where the found one does.
                 let smoothed = Smoothed::new(follower, data, &noise).or_else(|_| Smoothed::new(&followers[2], data, &noise))?;
-                Ok((smoothed.figures(plant, data, options.window, &ranges), plots::windows(&smoothed, plant, data, options.window)))
+                Ok(smoothed.figures(plant, data, options.window, &ranges))
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
@@ -97,7 +96,7 @@ pub(crate) fn gaps(
         let likely = noise.likely(&followers[2], data);
         let smoothed = Smoothed::new(&followers[2], data, &noise)?;
         let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), (options.window, &ranges), options.seed);
-        let floor = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
+        let (floor, _) = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {
                 let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];

@@ -7,12 +7,11 @@ use sagci_model::{JointKind, ObjectModel};
 
 use crate::GapError;
 use crate::fit::Fit;
-use crate::plant::Plant;
 use crate::response::Response;
 use crate::search::Search;
 use crate::starts::observable;
 use crate::trajectory::{Drive, Trajectory};
-use crate::windows::Smoothed;
+use crate::windows::Window;
 
 /// Series for a person's eyes.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -123,37 +122,13 @@ const FEWEST: usize = 8;
 /// Most points of a line.
 const POINTS: usize = 240;
 
-/// One window as a plant predicts it: where it lies, and positions by row and joint.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Predicted {
-    trajectory: usize,
-    first: usize,
-    position: Vec<f64>,
-}
-
-/// All windows as a plant predicts them.
-pub(crate) fn windows(smoothed: &Smoothed, plant: &Plant, data: &[Trajectory], length: f64) -> Vec<Predicted> {
-    let mut all: Vec<Predicted> = Vec::new();
-    let mut last = usize::MAX;
-    smoothed.predict(plant, data, length, |sample| {
-        if sample.window != last {
-            last = sample.window;
-            all.push(Predicted { trajectory: sample.trajectory, first: sample.row, position: Vec::new() });
-        }
-        if let Some(window) = all.last_mut() {
-            window.position.extend(sample.position);
-        }
-    });
-    all
-}
-
 /// Everything that is drawn. `predicted` are the windows of the data that are shown, by the model as given and with the effects.
 pub(crate) fn draw(
     search: &Search<'_>,
     model: &ObjectModel,
     (refitted, current): (&Fit, &Fit),
     (train, unseen): (&[Trajectory], &[Trajectory]),
-    [before, after]: [&[Predicted]; 2],
+    [before, after]: [&[Window]; 2],
     window: f64,
 ) -> Result<PlotData, GapError> {
     let shown = if unseen.is_empty() { train } else { unseen };
@@ -214,10 +189,10 @@ fn span(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// The windows of which a person learns most: the middle one by the error of the model as given, one of the worse, and the worst.
-fn chosen(before: &[Predicted], after: &[Predicted], data: &[Trajectory], joint: usize) -> Vec<WindowPlot> {
+fn chosen(before: &[Window], after: &[Window], data: &[Trajectory], joint: usize) -> Vec<WindowPlot> {
     let Some(n) = data.first().map(|t| t.joints) else { return Vec::new() };
-    let measured = |w: &Predicted, k: usize| data[w.trajectory].position[(w.first + k) * n + joint];
-    let rmse = |w: &Predicted| {
+    let measured = |w: &Window, k: usize| data[w.trajectory].position[(w.first + k) * n + joint];
+    let rmse = |w: &Window| {
         let errors = (0..w.position.len() / n).map(|k| (w.position[k * n + joint], measured(w, k))).filter(|(_, y)| y.is_finite());
         let (sum, count) = errors.fold((0.0, 0.0), |(s, c), (x, y)| (s + (x - y) * (x - y), c + 1.0));
         // One that diverged is worse than all others.

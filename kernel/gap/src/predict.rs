@@ -30,16 +30,20 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
         let _ = write!(text, ",{name}.position,{name}.velocity,{name}.measured_position");
     }
     text.push('\n');
-    smoothed.predict(&plant, &trajectories, window, |sample| {
-        let trajectory = &trajectories[sample.trajectory];
-        let _ = write!(text, "{},{}", trajectory.time[sample.row], sample.window);
-        for j in 0..trajectory.joints {
-            let measured = trajectory.position[sample.row * trajectory.joints + j];
-            let measured = if measured.is_finite() { measured.to_string() } else { String::new() };
-            let _ = write!(text, ",{},{},{measured}", sample.position[j], sample.velocity[j]);
+    for (number, window) in smoothed.predict(&plant, &trajectories, window).iter().enumerate() {
+        let trajectory = &trajectories[window.trajectory];
+        let n = trajectory.joints;
+        let rows = window.position.chunks_exact(n).zip(window.velocity.chunks_exact(n));
+        for (row, (position, velocity)) in (window.first..).zip(rows) {
+            let _ = write!(text, "{},{number}", trajectory.time[row]);
+            for j in 0..n {
+                let measured = trajectory.position[row * n + j];
+                let measured = if measured.is_finite() { measured.to_string() } else { String::new() };
+                let _ = write!(text, ",{},{},{measured}", position[j], velocity[j]);
+            }
+            text.push('\n');
         }
-        text.push('\n');
-    });
+    }
     Ok(text)
 }
 
@@ -54,6 +58,6 @@ pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Resul
     let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
     let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
     let ranges: Vec<f64> = search.joints.iter().map(|j| model.joints[*j].limits.range()).collect();
-    let figures = Smoothed::new(&follower, &trajectories, &noise)?.figures(&plant, &trajectories, window, &ranges);
+    let (figures, _) = Smoothed::new(&follower, &trajectories, &noise)?.figures(&plant, &trajectories, window, &ranges);
     Ok(search.names.iter().cloned().zip(figures.rmse).collect())
 }

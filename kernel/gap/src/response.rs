@@ -29,7 +29,7 @@ pub(crate) struct Response {
     joint: usize,
     /// The joint's input is a measured effort.
     noisy: bool,
-    /// Gains and deviations by row and joint.
+    /// Gains by row and joint, and the inverse of the errors' deviations, zero where an error is not counted.
     gains: Vec<[f64; 3]>,
     /// Column of the inverse mass matrix, by row.
     inverse: Vec<f64>,
@@ -86,7 +86,8 @@ impl Response {
                 });
                 inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
             }
-            gains.extend_from_slice(run.gains.rows());
+            let certain = |[q, v, deviation]: &[f64; 3]| [*q, *v, if *deviation > 0.0 { 1.0 / deviation } else { 0.0 }];
+            gains.extend(run.gains.rows().iter().map(certain));
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
         let rates: Vec<f64> = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
@@ -119,27 +120,27 @@ impl Response {
     pub fn errors_of(&self, forces: &[f64]) -> DVector<f64> {
         let n = self.joints;
         let mut errors = DVector::zeros(self.rows.len() * n);
-        for i in 0..n {
-            let (mut q, mut v) = (0.0, 0.0);
-            for (k, row) in self.rows.iter().enumerate() {
-                if row.start {
-                    (q, v) = (0.0, 0.0);
-                }
-                let [gain_q, gain_v, deviation] = self.gains[k * n + i];
-                if deviation > 0.0 {
-                    errors[k * n + i] = -q / deviation;
-                    v -= gain_v * q;
-                    q -= gain_q * q;
-                }
-                // Dry friction that holds takes the force, too.
-                if i == self.joint && row.next == 0.0 && row.h > 0.0 {
-                    v = 0.0;
-                    continue;
-                }
-                let a = -self.inverse[k * n + i] * forces[k];
-                let [kept, gained, moved, shifted] = self.decay[k * n + i];
-                q += moved * v + shifted * a;
-                v = kept * v + gained * a;
+        let mut offsets = vec![[0.0; 2]; n];
+        let entries = errors.as_mut_slice().chunks_exact_mut(n).zip(self.gains.chunks_exact(n));
+        let along = self.inverse.chunks_exact(n).zip(self.decay.chunks_exact(n));
+        for (((row, force), (errors, gains)), (inverse, decay)) in self.rows.iter().zip(forces).zip(entries).zip(along) {
+            if row.start {
+                offsets.fill([0.0; 2]);
+            }
+            let [held, _] = offsets[self.joint];
+            for i in 0..n {
+                let [mut q, mut v] = offsets[i];
+                let [gain_q, gain_v, certainty] = gains[i];
+                errors[i] = -q * certainty;
+                v -= gain_v * q;
+                q -= gain_q * q;
+                let a = -inverse[i] * force;
+                let [kept, gained, moved, shifted] = decay[i];
+                offsets[i] = [q + moved * v + shifted * a, kept * v + gained * a];
+            }
+            // Dry friction that holds takes the force, too.
+            if row.next == 0.0 && row.h > 0.0 {
+                offsets[self.joint] = [held - gains[self.joint][0] * held, 0.0];
             }
         }
         errors
@@ -177,9 +178,9 @@ impl Response {
     pub fn lacking(&self, errors: &DVector<f64>) -> Vec<f64> {
         let (n, j) = (self.joints, self.joint);
         let force = |k: usize| {
-            let [_, gain, deviation] = self.gains[k * n + j];
+            let [_, gain, certainty] = self.gains[k * n + j];
             let (h, inverse) = (self.rows[k].h, self.inverse[k * n + j]);
-            if h > 0.0 && inverse > 0.0 && deviation.is_finite() { -gain * deviation * errors[k * n + j] / (h * inverse) } else { 0.0 }
+            if h > 0.0 && inverse > 0.0 && certainty > 0.0 { -gain * errors[k * n + j] / (certainty * h * inverse) } else { 0.0 }
         };
         (0..self.rows.len()).map(force).collect()
     }

@@ -13,6 +13,9 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::fit::Fit;
 
+/// Rows that are multiplied at a time.
+const BLOCK: usize = 512;
+
 /// A change of the errors, as it is and along what the known numbers can make.
 #[derive(Debug, Clone)]
 pub(crate) struct Change {
@@ -43,6 +46,7 @@ impl Change {
 /// What the known numbers of a fit can explain.
 #[derive(Debug)]
 pub(crate) struct Span {
+    /// Rows are the directions.
     basis: DMatrix<f64>,
     /// Errors of the fit without what its known numbers can explain.
     pub errors: Change,
@@ -83,19 +87,27 @@ impl Span {
         }
         // No change reaches the rows of the priors.
         let whole = errors.rows(0, count).clone_owned();
-        let basis = if basis.is_empty() { DMatrix::zeros(count, 0) } else { DMatrix::from_columns(&basis).rows(0, count).clone_owned() };
-        let along = DVector::zeros(basis.ncols());
+        let basis = DMatrix::from_fn(basis.len(), count, |direction, i| basis[direction][i]);
+        let along = DVector::zeros(basis.nrows());
         Self { basis, errors: Change { whole, along } }
     }
 
     /// A change of all errors.
     pub fn of(&self, whole: DVector<f64>) -> Change {
-        Change { along: self.basis.tr_mul(&whole), whole }
+        Change { along: &self.basis * &whole, whole }
     }
 
     /// Inner products of what is left of several changes, one a column, with one another and with what is left of the errors.
     pub fn products(&self, changes: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-        let along = self.basis.tr_mul(changes);
-        (changes.tr_mul(changes) - along.tr_mul(&along), changes.tr_mul(&self.errors.whole))
+        let mut along = DMatrix::zeros(self.basis.nrows(), changes.ncols());
+        let mut whole = DMatrix::zeros(changes.ncols(), changes.ncols());
+        // By blocks of rows that stay in the cache: column by column it would read all of one for each column of the other.
+        for first in (0..changes.nrows()).step_by(BLOCK) {
+            let rows = BLOCK.min(changes.nrows() - first);
+            let block = changes.rows(first, rows);
+            along.gemm(1.0, &self.basis.columns(first, rows), &block, 1.0);
+            whole.gemm(1.0, &block.transpose(), &block, 1.0);
+        }
+        (whole - along.tr_mul(&along), changes.tr_mul(&self.errors.whole))
     }
 }

@@ -204,11 +204,12 @@ fn the_gap_of_the_right_model_is_its_noise() {
     let trajectories = [Trajectory::new(&swing(&model, 1e-5, 1), &model).unwrap()];
     let search = Search::new(&model, &trajectories).unwrap();
     let plant = Plant::new(&model, &search.problem.limits, 1e-3).unwrap();
-    let figures = Smoothed::new(&plant, &trajectories, &search.problem.noise(&plant)).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
+    let (figures, _) =
+        Smoothed::new(&plant, &trajectories, &search.problem.noise(&plant)).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
     assert!(figures.rmse[0] < 5e-4, "{figures:?}");
     let wrong = with(&model, "torque_bias", &[("bias", 0.2)]);
     let plant = Plant::new(&wrong, &search.problem.limits, 1e-3).unwrap();
-    let off = Smoothed::new(&plant, &trajectories, &search.problem.noise(&plant)).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
+    let (off, _) = Smoothed::new(&plant, &trajectories, &search.problem.noise(&plant)).unwrap().figures(&plant, &trajectories, 1.0, &[1.5]);
     assert!(off.rmse[0] > 20.0 * figures.rmse[0], "{off:?}");
 }
 

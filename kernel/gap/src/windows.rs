@@ -31,12 +31,13 @@ pub struct Figures {
 /// Short windows, s.
 const SHORT: f64 = 0.25;
 
-/// One predicted sample.
+/// One window as a plant predicts it.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Sample {
+pub(crate) struct Window {
     pub trajectory: usize,
-    pub row: usize,
-    pub window: usize,
+    /// The first row that is predicted.
+    pub first: usize,
+    /// Positions and velocities by row and joint; positions are NaN from where the plant could not be simulated.
     pub position: Vec<f64>,
     pub velocity: Vec<f64>,
 }
@@ -106,6 +107,54 @@ impl Noise {
     }
 }
 
+/// Windows of a length: the row that each starts from, and the one that it ends before.
+fn places(trajectory: &Trajectory, length: f64) -> Vec<(usize, usize)> {
+    let mut found = Vec::new();
+    let mut next = f64::NEG_INFINITY;
+    for row in 0..trajectory.rows() {
+        if trajectory.starts.contains(&row) {
+            next = trajectory.time[row];
+        }
+        if trajectory.time[row] < next - 1e-9 {
+            continue;
+        }
+        next += 0.5 * length;
+        let end = trajectory.time[row] + length;
+        let stop = trajectory.starts.iter().copied().find(|s| *s > row).unwrap_or(trajectory.rows());
+        // A window that the data do not fill is left out.
+        if trajectory.time[stop - 1] >= end - 0.5 * length {
+            let inside = trajectory.time[row + 1..stop].iter().take_while(|t| **t <= end + 1e-9).count();
+            found.push((row, row + 1 + inside));
+        }
+    }
+    found
+}
+
+/// Sum of squares and number of samples, by window and joint.
+fn sums(windows: &[Window], trajectories: &[Trajectory], ranges: &[f64]) -> Vec<Vec<[f64; 2]>> {
+    let n = ranges.len();
+    let of = |window: &Window| {
+        let mut sums = vec![[0.0; 2]; n];
+        let measured = &trajectories[window.trajectory].position[window.first * n..];
+        for ((i, predicted), measured) in window.position.iter().enumerate().zip(measured) {
+            if measured.is_finite() {
+                let (error, range) = (predicted - measured, ranges[i % n]);
+                let error = if error.is_finite() { error.abs().min(range) } else { range };
+                sums[i % n][0] += error * error;
+                sums[i % n][1] += 1.0;
+            }
+        }
+        for (sum, range) in sums.iter_mut().zip(ranges) {
+            // It has left the joint's range somewhere: it diverged.
+            if sum[1] > 0.0 && sum[0] / sum[1] > 0.25 * range * range {
+                sum[0] = sum[1] * range * range;
+            }
+        }
+        sums
+    };
+    windows.iter().map(of).collect()
+}
+
 /// RMSE of a joint over all samples.
 fn total(sums: &[Vec<[f64; 2]>], j: usize) -> f64 {
     let (square, count) = sums.iter().fold((0.0, 0.0), |(a, b), w| (a + w[j][0], b + w[j][1]));
@@ -144,88 +193,44 @@ impl Smoothed {
         motion.acceleration.fill(0.0);
     }
 
-    /// Predicts all windows of a length, each half over the one before; `see` gets each sample.
-    pub fn predict(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, mut see: impl FnMut(Sample)) {
-        let mut motion = plant.motion();
-        let mut window = 0;
-        for (index, trajectory) in trajectories.iter().enumerate() {
-            let mut next = f64::NEG_INFINITY;
-            for row in 0..trajectory.rows() {
-                if trajectory.starts.contains(&row) {
-                    next = trajectory.time[row];
-                }
-                if trajectory.time[row] < next - 1e-9 {
-                    continue;
-                }
-                next += 0.5 * length;
-                let end = trajectory.time[row] + length;
-                let stop = trajectory.starts.iter().copied().find(|s| *s > row).unwrap_or(trajectory.rows());
-                // A window that the data do not fill is left out.
-                if trajectory.time[stop - 1] < end - 0.5 * length {
-                    continue;
-                }
-                self.set(&mut motion, trajectory, index, row);
-                plant.clamp(&mut motion);
-                let mut broken = false;
-                for k in row..stop - 1 {
-                    if trajectory.time[k + 1] > end + 1e-9 {
-                        break;
-                    }
-                    broken |= plant.interval(&mut motion, trajectory, k).is_err();
-                    let lost = |_| f64::NAN;
-                    let read = |j| plant.reading(&motion, j);
-                    let position =
-                        if broken { (0..trajectory.joints).map(lost).collect() } else { (0..trajectory.joints).map(read).collect() };
-                    see(Sample { trajectory: index, row: k + 1, window, position, velocity: motion.state.v.clone() });
-                    motion.state.time = trajectory.time[k + 1];
-                }
-                window += 1;
-            }
-        }
+    /// Predicts all windows of a length, each half over the one before. None of them knows of others, so that they may be predicted side by
+    /// side.
+    pub fn predict(&self, plant: &Plant, trajectories: &[Trajectory], length: f64) -> Vec<Window> {
+        let places: Vec<(usize, usize, usize)> =
+            trajectories.iter().enumerate().flat_map(|(i, t)| places(t, length).into_iter().map(move |(row, end)| (i, row, end))).collect();
+        places.into_par_iter().map(|(index, row, end)| self.follow(plant, &trajectories[index], index, row, end)).collect()
     }
 
-    /// Sum of squares and number of samples, by window and joint.
-    fn sums(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<Vec<[f64; 2]>> {
-        let n = ranges.len();
-        let mut sums: Vec<Vec<[f64; 2]>> = Vec::new();
-        self.predict(plant, trajectories, length, |sample| {
-            if sums.len() <= sample.window {
-                sums.resize(sample.window + 1, vec![[0.0; 2]; n]);
-            }
-            let trajectory = &trajectories[sample.trajectory];
-            for j in 0..n {
-                let measured = trajectory.position[sample.row * n + j];
-                if measured.is_finite() {
-                    let error = sample.position[j] - measured;
-                    let error = if error.is_finite() { error.abs().min(ranges[j]) } else { ranges[j] };
-                    sums[sample.window][j][0] += error * error;
-                    sums[sample.window][j][1] += 1.0;
-                }
-            }
-        });
-        for window in &mut sums {
-            for (sum, range) in window.iter_mut().zip(ranges) {
-                // It has left the joint's range somewhere: it diverged.
-                if sum[1] > 0.0 && sum[0] / sum[1] > 0.25 * range * range {
-                    sum[0] = sum[1] * range * range;
-                }
-            }
+    /// Lets a plant go on alone from a row until another.
+    fn follow(&self, plant: &Plant, trajectory: &Trajectory, index: usize, row: usize, end: usize) -> Window {
+        let n = trajectory.joints;
+        let mut motion = plant.motion();
+        self.set(&mut motion, trajectory, index, row);
+        plant.clamp(&mut motion);
+        let mut window = Window { trajectory: index, first: row + 1, position: Vec::new(), velocity: Vec::new() };
+        let mut broken = false;
+        for k in row..end - 1 {
+            broken |= plant.interval(&mut motion, trajectory, k).is_err();
+            window.position.extend((0..n).map(|j| if broken { f64::NAN } else { plant.reading(&motion, j) }));
+            window.velocity.extend_from_slice(&motion.state.v);
+            motion.state.time = trajectory.time[k + 1];
         }
-        sums
+        window
     }
 
     /// The pooled figure alone.
     pub fn pooled(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> f64 {
-        let sums = self.sums(plant, trajectories, length, ranges);
+        let sums = sums(&self.predict(plant, trajectories, length), trajectories, ranges);
         let rmse: Vec<f64> = (0..ranges.len()).map(|j| total(&sums, j)).collect();
         pooled(&rmse, ranges)
     }
 
-    /// The gap's figures. `ranges` are those of the joints.
-    pub fn figures(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Figures {
+    /// The gap's figures, and the windows that they are of. `ranges` are those of the joints.
+    pub fn figures(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> (Figures, Vec<Window>) {
         let n = ranges.len();
-        let long = self.sums(plant, trajectories, length, ranges);
-        let short = self.sums(plant, trajectories, SHORT.min(length), ranges);
+        let windows = self.predict(plant, trajectories, length);
+        let long = sums(&windows, trajectories, ranges);
+        let short = sums(&self.predict(plant, trajectories, SHORT.min(length)), trajectories, ranges);
         let rmse: Vec<f64> = (0..n).map(|j| total(&long, j)).collect();
         let median = (0..n)
             .map(|j| {
@@ -234,7 +239,8 @@ impl Smoothed {
                 each.get(each.len() / 2).copied().unwrap_or(0.0)
             })
             .collect();
-        Figures { median, rmse_short: (0..n).map(|j| total(&short, j)).collect(), pooled: pooled(&rmse, ranges), rmse }
+        let rmse_short = (0..n).map(|j| total(&short, j)).collect();
+        (Figures { median, rmse_short, pooled: pooled(&rmse, ranges), rmse }, windows)
     }
 
     /// Is a motion further from the measured one than the joints' ranges?

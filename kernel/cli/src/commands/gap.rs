@@ -1,4 +1,6 @@
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use sagci_gap::report::{Experiment, Report, Verdict};
 use sagci_gap::{Found, GapError, Options, find, page};
@@ -97,11 +99,12 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
     let progress = |text: &str| eprintln!("{text} ...");
     let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress), ..Options::default() };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
+    let cancel = arguments.experiment.as_ref().map(|_| run::cancel_on_interrupt()).transpose()?;
     for number in 1..=EXPERIMENTS {
-        let (Some(script), Some(next)) = (&arguments.experiment, &found.report.next_experiment) else { break };
-        let done = perform(script, next, &given, number, arguments)?;
+        let (Some(script), Some(cancel), Some(next)) = (&arguments.experiment, &cancel, &found.report.next_experiment) else { break };
+        let done = perform(script, next, &given, number, arguments, cancel)?;
         notes.push(done.note);
-        if done.recordings.is_empty() {
+        if done.recordings.is_empty() || cancel.load(Ordering::Relaxed) {
             break;
         }
         data.extend(done.recordings);
@@ -154,7 +157,14 @@ struct Done {
 }
 
 /// Lets a script do an experiment on the measured world.
-fn perform(script: &Path, next: &Experiment, model: &ObjectModel, number: usize, arguments: &Gap) -> Result<Done, CliError> {
+fn perform(
+    script: &Path,
+    next: &Experiment,
+    model: &ObjectModel,
+    number: usize,
+    arguments: &Gap,
+    cancel: &Arc<AtomicBool>,
+) -> Result<Done, CliError> {
     eprintln!("experiment {number}: {} on {} ...", next.name, next.joint);
     let slides = model.joint(&next.joint).is_some_and(|j| model.joints[j].kind == JointKind::Prismatic);
     let (positions, numbers): (Vec<_>, Vec<_>) =
@@ -169,8 +179,14 @@ fn perform(script: &Path, next: &Experiment, model: &ObjectModel, number: usize,
         slides,
         reason: next.reason.clone(),
     };
-    let folder = arguments.out.clone().unwrap_or_else(|| run::new_folder(script)).join(format!("experiment-{number}"));
-    let report = run::experiment(script, asked, &arguments.places, arguments.seed, folder.clone())?;
+    // A folder of its own: recordings of an earlier answer are none of this one's.
+    let parent = arguments.out.clone().unwrap_or_else(|| run::new_folder(script));
+    let mut free = number;
+    while parent.join(format!("experiment-{free}")).exists() {
+        free += 1;
+    }
+    let folder = parent.join(format!("experiment-{free}"));
+    let report = run::experiment(script, asked, &arguments.places, arguments.seed, folder.clone(), cancel)?;
     let io = |source| CliError::File { path: folder.clone(), source };
     let mut recordings: Vec<PathBuf> = std::fs::read_dir(&folder)
         .map_err(io)?

@@ -59,7 +59,14 @@ struct Batch<'a> {
 }
 
 /// Runs a script once on the measured world, asked to do an experiment: the folder that `out` names gets what it records.
-pub fn experiment(script: &Path, asked: AskedExperiment, places: &Places, seed: u64, out: PathBuf) -> Result<RunReport, CliError> {
+pub fn experiment(
+    script: &Path,
+    asked: AskedExperiment,
+    places: &Places,
+    seed: u64,
+    out: PathBuf,
+    cancel: &Arc<AtomicBool>,
+) -> Result<RunReport, CliError> {
     let watcher = Arc::new(Watcher::new(false));
     let kit = Kit {
         skills: Arc::new(place::skills(places, Some(script), watcher.sink())?),
@@ -67,7 +74,7 @@ pub fn experiment(script: &Path, asked: AskedExperiment, places: &Places, seed: 
         worlds: Some(Arc::new(Worlds { kind: "rapier".to_owned() })),
         perceive: Arc::new(Registration),
         progress: watcher,
-        cancel: Arc::default(),
+        cancel: cancel.clone(),
     };
     sagci_script::host::run(script, &kit, &RunOptions { seed, out: Some(out), asked: Some(asked) }).map_err(failed)
 }
@@ -126,7 +133,7 @@ fn to_json(value: &impl Serialize) -> Result<String, CliError> {
 }
 
 /// Ctrl-C sets the flag; a second one ends the program at once.
-fn cancel_on_interrupt() -> Result<Arc<AtomicBool>, CliError> {
+pub fn cancel_on_interrupt() -> Result<Arc<AtomicBool>, CliError> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = cancel.clone();
     ctrlc::set_handler(move || {
