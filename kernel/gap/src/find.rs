@@ -158,6 +158,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             };
             let (with, without) = (search.evidence(&current, scale), search.evidence(&less, scale));
             if !search.is_convincing(model, &less, &current, with - without, options.window) {
+                say(&format!("  {} says no more than the others do ({:+.1})", chosen[at].best.effect, with - without));
                 current = less;
                 chosen.remove(at);
                 at = 0;
@@ -167,8 +168,13 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             search.rank(&mut candidates, scale);
             search.prefer_simpler(model, &mut candidates, without, options.window)?;
             let name = chosen[at].best.effect;
+            // What is settled gives way by the same rules by which it was chosen.
+            if candidates.first().is_some_and(|c| c.effect != name) {
+                search.prefer_two(model, &less, &mut candidates, scale, options.window)?;
+            }
             let Some(best) = candidates.first() else { break };
-            if best.effect != name && best.evidence > with + 1.0 {
+            if best.effect != name && search.takes_the_place(model, &best.fit, &current, best.evidence - with, options.window) {
+                say(&format!("  {} says more than {name} beside the others ({:+.1})", best.effect, best.evidence - with));
                 current = search.settle(&best.fit, scale);
                 let explained = search.explained(&less, &current);
                 let choice = Choice::new(&candidates, without, chosen[at].nameless, explained, scale);
@@ -219,6 +225,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         };
         let all = entries(&current.hypothesis);
         let gone = chosen.remove(worst);
+        say(&format!("  {} is contradicted by data that it was not fitted to", gone.best.effect));
         contradicted.push(confirmed[worst].reason(gone.best.effect));
         current = if chosen.is_empty() { refitted.clone() } else { search.fit_on(current.without(&search.problem, all[worst])?, scale)? };
         scale = search.scale(&current);

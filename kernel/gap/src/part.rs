@@ -5,13 +5,13 @@ use nalgebra::DVector;
 
 use crate::GapError;
 use crate::fit::{Fit, Problem};
-use crate::search::Search;
+use crate::search::{FEW, Search};
 use crate::trajectory::Trajectory;
 
 /// Errors that tell well enough where to begin.
-const ENOUGH: usize = 20_000;
+const ENOUGH: usize = 10_000;
 /// Length of a stretch, s: much longer than the filter remembers.
-const STRETCH: f64 = 2.0;
+const STRETCH: f64 = 1.0;
 
 /// Stretches of all trajectories, and which entries of the whole errors they are, `None` where one is not counted.
 pub(crate) struct Part {
@@ -19,16 +19,18 @@ pub(crate) struct Part {
     entries: Vec<Option<usize>>,
 }
 
-impl Search<'_> {
-    /// The part by which a search begins; none where all of the data are no more than that.
-    pub fn part(&self) -> Option<Part> {
-        let every = (self.problem.measured() as f64 / ENOUGH as f64).round() as usize;
-        if !self.many_joints() || every < 2 {
+impl Part {
+    /// The part of data of many joints; none where they are no more than that.
+    pub fn new(trajectories: &[Trajectory]) -> Option<Self> {
+        let joints = trajectories.first().map_or(0, |t| t.joints);
+        let measured: usize = trajectories.iter().map(Trajectory::measured).sum();
+        let every = (measured as f64 / ENOUGH as f64).round() as usize;
+        if joints <= FEW || every < 2 {
             return None;
         }
-        let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
+        let mut part = Self { trajectories: Vec::new(), entries: Vec::new() };
         let mut before = 0;
-        for trajectory in self.problem.trajectories {
+        for trajectory in trajectories {
             let n = trajectory.joints;
             let (thinned, rows) = trajectory.thinned(STRETCH, every);
             let entries = rows.iter().flat_map(|k| (k * n..(k + 1) * n).map(|i| before + i));
@@ -37,6 +39,13 @@ impl Search<'_> {
             before += trajectory.rows() * n;
         }
         Some(part)
+    }
+}
+
+impl Search<'_> {
+    /// The part by which a search begins.
+    pub fn part(&self) -> Option<Part> {
+        Part::new(self.problem.trajectories)
     }
 
     /// The same search over other data of the same model.

@@ -14,7 +14,7 @@ use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::span::Span;
 use crate::trajectory::Trajectory;
-use crate::windows::likely_noise;
+use crate::windows::{SHORT, likely_noise};
 
 /// Logarithm of the Bayes factor that an effect needs.
 pub(crate) const CONVINCING: f64 = 10.0;
@@ -41,7 +41,7 @@ const PLAIN: f64 = 0.6;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// Fits anew from where a fit stands.
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
@@ -121,15 +121,22 @@ impl Search<'_> {
         candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     }
 
+    /// How far predictions over windows of these data are off, as names are weighed by; infinite for a fit that cannot be simulated. An arm
+    /// that nothing holds is lost within a second, whatever its model, and what is left of that says nothing of a small force: so it is
+    /// asked over short windows.
+    fn gap<'m>(&'m self, model: &ObjectModel, window: f64) -> impl Fn(&Fit) -> f64 + use<'m, 'a> {
+        let window = if self.many_joints() { window.min(SHORT) } else { window };
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        move |fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY)
+    }
+
     /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by, or
     /// predicts whole windows no worse: what is left between them is no ground to name the richer one. `here` is the evidence without any.
     pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
-        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        // What cannot be simulated predicts nothing.
-        let gap = |c: &Candidate| measure.pooled(&c.fit.hypothesis, None).unwrap_or(f64::INFINITY);
-        let predicts_as_well = |c: &Candidate| gap(c) <= gap(best).min(f64::MAX);
+        let gap = self.gap(model, window);
+        let predicts_as_well = |c: &Candidate| gap(&c.fit) <= gap(&best.fit).min(f64::MAX);
         let mut chosen = 0;
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
             if count(candidate) < count(&candidates[chosen])
@@ -165,8 +172,7 @@ impl Search<'_> {
         second.retain(|c| more(&c.fit) < more(&best.fit));
         self.rank(&mut second, scale);
         let Some(two) = second.first() else { return Ok(()) };
-        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        let gap = self.gap(model, window);
         let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
         if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || nearly() {
             let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
@@ -182,9 +188,15 @@ impl Search<'_> {
             return false;
         }
         let fewer = self.problem.persistence(&more.errors, &(&less.errors - &more.errors));
-        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        let gap = self.gap(model, window);
         gain > CONVINCING * fewer || gap(more) < FALL * gap(less)
+    }
+
+    /// Does a fit with another name take the place of one that is settled? `gain` is what the evidence gains by it. By little it does only if
+    /// it predicts whole windows no worse.
+    pub fn takes_the_place(&self, model: &ObjectModel, other: &Fit, settled: &Fit, gain: f64, window: f64) -> bool {
+        let gap = self.gap(model, window);
+        gain > CONVINCING || gain > 1.0 && gap(other) <= gap(settled)
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
@@ -197,8 +209,7 @@ impl Search<'_> {
         if force >= LARGE {
             return Ok(true);
         }
-        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
-        let gap = |fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY);
+        let gap = self.gap(model, window);
         let share = if force < MATERIAL { FALL } else { SMALLER };
         Ok(gap(more) < share * gap(less))
     }

@@ -29,7 +29,7 @@ pub struct Figures {
 }
 
 /// Short windows, s.
-const SHORT: f64 = 0.25;
+pub(crate) const SHORT: f64 = 0.25;
 
 /// One window as a plant predicts it.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,9 +10,9 @@ static DESCRIPTION: Description = Description {
     summary: "the encoder's zero and scale are off: measured = (1 + scale_error) q + offset",
     acts: Acts::Measurement(1),
     parameters: &[
-        // 0.1 to 2 degrees.
+        // 0.1 to 2 degrees. A scale that is off by more than a tenth is another unit, and no error.
         Parameter::new("offset", unit::POSITION, ANY, [near(0.0, 0.015), near(0.0, 0.003)]),
-        Parameter::new("scale_error", unit::ONE, [-0.9, 10.0], [near(0.0, 0.01), near(0.0, 0.01)]),
+        Parameter::new("scale_error", unit::ONE, [-0.1, 0.1], [near(0.0, 0.01), near(0.0, 0.01)]),
     ],
     signature: "moves every feature that has a place in q",
     confused_with: &["hinge_tilt", "joint_axis_error"],

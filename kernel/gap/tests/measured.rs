@@ -1,0 +1,69 @@
+//! Recordings of real hardware (tests/measured): what is known of it by those who built or studied it has to be found.
+#![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
+
+use std::path::{Path, PathBuf};
+
+use sagci_gap::report::Report;
+use sagci_gap::{Options, find};
+use sagci_model::ObjectModel;
+use sagci_recording::{Angles, Log, read_with};
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured").join(name)
+}
+
+/// The recordings whose names begin so, in the order of their names.
+fn logs(name: &str, model: &ObjectModel, prefixes: &[&str]) -> Vec<Log> {
+    if prefixes.is_empty() {
+        return Vec::new();
+    }
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder(name)).unwrap().map(|e| e.unwrap().path()).collect();
+    let chosen = |p: &PathBuf| {
+        let file = p.file_name().unwrap().to_string_lossy().into_owned();
+        file.ends_with(".csv") && prefixes.iter().any(|prefix| file.starts_with(prefix))
+    };
+    paths.retain(chosen);
+    paths.sort();
+    read_with(&paths, Some(model), &sagci_recording::Options { angles: Angles::Radians }).unwrap()
+}
+
+fn answer(name: &str, train: &[&str], held_out: &[&str]) -> Report {
+    let model = ObjectModel::read(folder(name)).unwrap();
+    find(&model, &logs(name, &model, train), &logs(name, &model, held_out), &Options::default()).unwrap().report
+}
+
+fn names(report: &Report) -> Vec<&str> {
+    report.effects.iter().map(|e| e.name.as_str()).collect()
+}
+
+/// The servo's gears rub the more, the more they carry (Duclusaud et al. 2025, the same recordings).
+#[test]
+fn friction_that_grows_with_the_load_of_a_servo_has_its_name_and_predicts_a_gain_that_no_fit_has_seen() {
+    let found = answer("xl330_servo", &["kp100", "kp200"], &["kp800"]);
+    assert!(names(&found).contains(&"load_dependent_friction"), "{:?}", names(&found));
+    assert!(!names(&found).contains(&"stribeck_friction"), "{:?}", names(&found));
+    // Viscous and dry friction are among what the free refit may choose.
+    let (after, plain) = (found.gap.held_out.as_ref().unwrap().after, found.baselines["free_refit"]);
+    assert!(after < plain / 1.5, "{after} with what was named, {plain} with plain friction");
+}
+
+/// Magnets hold a kitchen cabinet's door, near where it is shut (Jain and Kemp 2013).
+#[test]
+fn what_pulls_a_real_cabinet_shut_is_named_with_its_place() {
+    let found = answer("pr2_cabinet", &["pull"], &[]);
+    let pulls = |name: &str| ["magnetic_gasket", "detent", "joint_spring", "soft_close_damper"].contains(&name);
+    assert!(names(&found).first().is_some_and(|n| pulls(n)), "{:?}", names(&found));
+    let gasket = &found.effects[0];
+    let width = gasket.parameters["width"].value;
+    assert!(gasket.parameters["force"].value > 0.0 && (0.05..0.6).contains(&width), "{:?}", gasket.parameters);
+    assert!(found.gap.train.after < 0.2 * found.gap.train.refitted, "{} of {}", found.gap.train.after, found.gap.train.refitted);
+}
+
+/// A light pendulum on ball bearings: it loses by speed, and its swing is predicted to what noise leaves.
+#[test]
+fn what_slows_a_real_pendulum_is_named_and_predicts_another_swing() {
+    let found = answer("uw_pendulum", &["swing_1", "swing_2", "swing_3"], &["swing_4"]);
+    assert!(names(&found).contains(&"viscous_friction"), "{:?}", names(&found));
+    let gap = found.gap.held_out.as_ref().unwrap();
+    assert!(gap.after < 0.2 * gap.refitted && gap.after < 1.5 * gap.noise_floor, "{gap:?}");
+}
