@@ -60,11 +60,8 @@ pub(crate) const FEW: usize = 2;
 /// How often derivatives of the known numbers are taken in the linear response, and the share of the errors' squares that is no progress.
 const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;
-/// Steps of a first fit in the simulator, and those of them after which a start that explains less than a share of what the best one
-/// explains is left.
+/// Steps of a first fit in the simulator.
 pub(crate) const QUICK: usize = 5;
-const FIRST: usize = 2;
-const SOON: f64 = 0.3;
 /// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
 /// further.
 const CLOSE: f64 = 0.8;
@@ -188,21 +185,15 @@ impl<'a> Search<'a> {
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
     fn begun(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Candidate>, GapError> {
-        // Derivatives by known numbers hold near where the base model has them.
-        let near = |frozen: bool| if frozen { Derivatives { kept: false, frozen: Some(&base.jacobian) } } else { Derivatives::FRESH };
+        let known = Derivatives { kept: false, frozen: Some(&base.jacobian) };
         let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
-            let frozen = hypothesis.x.starts_with(&base.hypothesis.x);
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
-            let fit = fit.improve(&self.problem, scale, Effort::new(FIRST, 0.5), near(frozen)).ok()?;
-            Some((Candidate { effect, joint, fit, evidence: f64::NEG_INFINITY }, frozen))
-        };
-        let go_on = |(c, frozen): (Candidate, bool)| {
-            let kept = c.fit.jacobian.len() == c.fit.hypothesis.x.len();
-            let fit = c.fit.improve(&self.problem, scale, Effort::new(QUICK - FIRST, 0.5), Derivatives { kept, ..near(frozen) }).ok()?;
+            let known = if fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::FRESH };
+            let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
             let evidence = self.evidence(&fit, scale);
-            evidence.is_finite().then_some(Candidate { fit, evidence, ..c })
+            evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
         };
         let best = |candidates: &mut Vec<Candidate>| {
             candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -214,11 +205,7 @@ impl<'a> Search<'a> {
             begins.extend(hypothesis.as_given(LED_ASTRAY).filter(|_| !self.many_joints()).map(|given| (effect, joint, given)));
             begins.push((effect, joint, hypothesis));
         }
-        let mut begun: Vec<(Candidate, bool)> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
-        // What begins elsewhere than the base model has a longer way.
-        let most = begun.iter().map(|(c, _)| base.squares - c.fit.squares).fold(0.0, f64::max);
-        begun.retain(|(c, frozen)| !frozen || base.squares - c.fit.squares >= SOON * most);
-        let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(go_on).collect();
+        let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
         best(&mut begun);
         let beside = |c: &Candidate| {
             let j = c.joint?;
@@ -226,7 +213,7 @@ impl<'a> Search<'a> {
             let entry = hypothesis.model_at(&hypothesis.x).document.effects.pop()?;
             let (_, values) = effects::parameters_of(&entry).ok()?;
             let (name, values) = neighbour(c.effect, &values, &views[j])?;
-            go_on(first(name, c.joint, base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?)?)
+            first(name, c.joint, base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?)
         };
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).filter_map(beside).collect();
         begun.extend(more);
