@@ -9,7 +9,7 @@ use crate::fit::{Derivatives, Fit};
 use crate::gaps::Measure;
 use crate::hypothesis::Hypothesis;
 use crate::remainder::{learn, remainder};
-use crate::report::Experiment;
+use crate::report::{Experiment, Verdict};
 use crate::search::Search;
 use crate::tests::{door, led, swing, with};
 use crate::trajectory::Trajectory;
@@ -163,4 +163,18 @@ fn a_report_holds_other_ways_and_says_how_to_go_on() {
     let page = crate::page("door", &find(&model, &train[..1], &[], &Options { baselines: false, ..Options::default() }).unwrap());
     // Nothing was held out, so what is named wants to be confirmed.
     assert!(page.contains("Next experiment") && page.contains("sagci gap"), "{page}");
+}
+
+/// The fitted data keep away from a detent that the held-out ones go through: no name can be found, but no gap is no answer either.
+#[test]
+fn what_only_held_out_data_show_is_no_missing_gap() {
+    let model = door();
+    let truth = with(&model, "detent", &[("force", 1.0), ("position", 1.5), ("width", 0.1)]);
+    let train: Vec<_> = (1..3).map(|s| led(&truth, 2e-4, s, 0.4)).collect();
+    let answer =
+        |held_out: sagci_recording::Log| find(&model, &train, &[held_out], &Options { baselines: false, ..Options::default() }).unwrap();
+    let (through, away) = (answer(led(&truth, 2e-4, 5, 1.4)).report, answer(led(&truth, 2e-4, 5, 0.4)).report);
+    assert!(through.effects.is_empty(), "{:?}", through.effects);
+    assert_eq!((through.verdict, away.verdict), (Verdict::Unknown, Verdict::NoGap), "{:?} {:?}", through.gap, away.gap);
+    assert!(through.unexplained.is_some() && through.next_experiment.is_some());
 }
