@@ -169,11 +169,11 @@ fn a_report_holds_other_ways_and_says_how_to_go_on() {
 #[test]
 fn what_only_held_out_data_show_is_no_missing_gap() {
     let model = door();
-    let truth = with(&model, "detent", &[("force", 1.0), ("position", 1.5), ("width", 0.1)]);
+    let truth = with(&model, "detent", &[("force", 1.0), ("position", 2.0), ("width", 0.08)]);
     let train: Vec<_> = (1..3).map(|s| led(&truth, 2e-4, s, 0.4)).collect();
     let answer =
         |held_out: sagci_recording::Log| find(&model, &train, &[held_out], &Options { baselines: false, ..Options::default() }).unwrap();
-    let (through, away) = (answer(led(&truth, 2e-4, 5, 1.4)).report, answer(led(&truth, 2e-4, 5, 0.4)).report);
+    let (through, away) = (answer(led(&truth, 2e-4, 5, 2.0)).report, answer(led(&truth, 2e-4, 5, 0.4)).report);
     assert!(through.effects.is_empty(), "{:?}", through.effects);
     assert_eq!((through.verdict, away.verdict), (Verdict::Unknown, Verdict::NoGap), "{:?} {:?}", through.gap, away.gap);
     assert!(through.unexplained.is_some() && through.next_experiment.is_some());
