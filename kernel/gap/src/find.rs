@@ -132,16 +132,15 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
         let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(&current, scale);
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
-        let is_there = |fit: &Fit| -> Result<bool, GapError> {
+        let is_there = |fit: &Fit, force: f64| -> Result<bool, GapError> {
             let gain = search.evidence(fit, scale) - here;
-            let force = search.force_between(&current, fit)?;
             Ok(search.is_convincing(model, &current, fit, gain, options.window)
                 && search.is_material(model, &current, fit, force, options.window)?)
         };
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = (gain > CONVINCING).then(|| search.settle(&best.fit, scale));
         let there = match &settled {
-            Some(fit) => is_there(&best.fit)? || is_there(fit)?,
+            Some(fit) => is_there(&best.fit, force)? || is_there(fit, search.force_between(&current, fit)?)?,
             None => false,
         };
         let Some(settled) = settled.filter(|_| there) else {

@@ -92,7 +92,8 @@ impl<'a> Problem<'a> {
 
     /// Number of errors that something was measured for.
     pub fn measured(&self) -> usize {
-        self.trajectories.iter().map(Trajectory::measured).sum::<usize>().max(1)
+        let counts = |t: &Trajectory| t.position.iter().zip(&t.counted).filter(|(y, counted)| y.is_finite() && **counted).count();
+        self.trajectories.iter().map(counts).sum::<usize>().max(1)
     }
 
     /// How many errors say as much of a change as one that is independent of others: how much larger the variance of `<change, errors>`

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 
 use crate::GapError;
 use crate::fit::{Fit, Problem};
-use crate::search::{FEW, Search};
+use crate::search::Search;
 use crate::trajectory::Trajectory;
 
 /// Errors that tell well enough where to begin.
@@ -19,18 +19,16 @@ pub(crate) struct Part {
     entries: Vec<Option<usize>>,
 }
 
-impl Part {
-    /// The part of data of many joints; none where they are no more than that.
-    pub fn new(trajectories: &[Trajectory]) -> Option<Self> {
-        let joints = trajectories.first().map_or(0, |t| t.joints);
-        let measured: usize = trajectories.iter().map(Trajectory::measured).sum();
-        let every = (measured as f64 / ENOUGH as f64).round() as usize;
-        if joints <= FEW || every < 2 {
+impl Search<'_> {
+    /// The part by which a search begins; none where all of the data are no more than that.
+    pub fn part(&self) -> Option<Part> {
+        let every = (self.problem.measured() as f64 / ENOUGH as f64).round() as usize;
+        if !self.many_joints() || every < 2 {
             return None;
         }
-        let mut part = Self { trajectories: Vec::new(), entries: Vec::new() };
+        let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
         let mut before = 0;
-        for trajectory in trajectories {
+        for trajectory in self.problem.trajectories {
             let n = trajectory.joints;
             let (thinned, rows) = trajectory.thinned(STRETCH, every);
             let entries = rows.iter().flat_map(|k| (k * n..(k + 1) * n).map(|i| before + i));
@@ -39,13 +37,6 @@ impl Part {
             before += trajectory.rows() * n;
         }
         Some(part)
-    }
-}
-
-impl Search<'_> {
-    /// The part by which a search begins.
-    pub fn part(&self) -> Option<Part> {
-        Part::new(self.problem.trajectories)
     }
 
     /// The same search over other data of the same model.

@@ -56,7 +56,7 @@ const LED_ASTRAY: f64 = 0.5;
 /// Of how many of the best a neighbour begins where they end.
 const NEIGHBOURS: usize = 3;
 /// Joints on each of which everything is tried, and derivatives are taken from runs.
-pub(crate) const FEW: usize = 2;
+const FEW: usize = 2;
 /// How often derivatives of the known numbers are taken in the linear response, and the share of the errors' squares that is no progress.
 const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;

@@ -273,11 +273,6 @@ impl Trajectory {
         self.time.len()
     }
 
-    /// Number of positions that were measured and count.
-    pub fn measured(&self) -> usize {
-        self.position.iter().zip(&self.counted).filter(|(y, counted)| y.is_finite() && **counted).count()
-    }
-
     /// One stretch of so many seconds in every so many, and the rows of which it is made.
     pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
         let n = self.joints;
