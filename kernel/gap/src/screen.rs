@@ -62,7 +62,7 @@ impl Search<'_> {
         let span = Span::new(base, scale);
         let pushed = self.pushed(&responses, &span, scale);
         // Where one step after the other is compared, their order cancels.
-        let rough = Problem { rough: true, ..self.problem.clone() };
+        let rough = self.problem.roughly();
         let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
         let worth = |hypothesis: &Hypothesis, gain: f64| {
             let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;

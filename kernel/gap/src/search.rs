@@ -119,7 +119,7 @@ impl<'a> Search<'a> {
         let mut fit = Fit { hypothesis, jacobian, ..fit };
         for _ in 0..ROUNDS {
             let (before, all) = (fit.squares, fit.jacobian.clone());
-            fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), Derivatives { kept: false, frozen: Some(&all) })?;
+            fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), Derivatives { frozen: Some(&all), ..Derivatives::FRESH })?;
             if before - fit.squares < TRIFLE * before {
                 break;
             }
@@ -185,12 +185,12 @@ impl<'a> Search<'a> {
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
     fn begun(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Candidate>, GapError> {
-        let known = Derivatives { kept: false, frozen: Some(&base.jacobian) };
+        let known = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
         let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
-            let known = if fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::FRESH };
+            let known = if fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
             let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
             let evidence = self.evidence(&fit, scale);
             evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
@@ -236,10 +236,10 @@ impl<'a> Search<'a> {
     /// Fits to the end, the first of them first: what stays far behind it need not be fitted to the end.
     fn finished(&self, base: &Fit, mut candidates: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
         let here = self.evidence(base, scale);
-        let known = Derivatives { kept: true, frozen: Some(&base.jacobian) };
+        // First fits leave derivatives that are roughly right.
+        let begin = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::FRESH };
         let finish = |mut candidate: Candidate, bar: f64| {
             candidate.fit.judged = base.judged + candidate.fit.squares - base.squares;
-            let begin = Derivatives { kept: !candidate.fit.jacobian.is_empty(), ..known };
             let fit = candidate.fit.finish(&self.problem, scale, begin, bar).ok()?;
             Some(Candidate { fit, ..candidate })
         };

@@ -46,7 +46,7 @@ impl<'a> Search<'a> {
     pub fn refit(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
         let known = self.known_columns(&fit)?;
-        let begin = Derivatives { kept: false, frozen: known.as_deref() };
+        let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
         Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
     }
 
@@ -70,7 +70,7 @@ impl<'a> Search<'a> {
     pub fn settle(&self, fit: &Fit, scale: f64) -> Fit {
         let anew = || {
             let known = self.known_columns(fit)?;
-            let begin = Derivatives { kept: false, frozen: known.as_deref() };
+            let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
             Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
         };
         anew().unwrap_or_else(|_| fit.clone())
@@ -79,7 +79,7 @@ impl<'a> Search<'a> {
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
     pub fn fit_on(&self, fit: Fit, scale: f64) -> Result<Fit, GapError> {
         let known = self.columns_of(&fit).map(<[_]>::to_vec);
-        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref() };
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref(), roughly: false };
         Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
     }
 
@@ -87,7 +87,7 @@ impl<'a> Search<'a> {
     fn look_at(&self, fit: &Fit, scale: f64) -> Result<Fit, GapError> {
         let fit = fit.under(&self.problem)?;
         let known = self.columns_of(&fit).map(<[_]>::to_vec);
-        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref() };
+        let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref(), roughly: false };
         Ok(self.judge(fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), begin)?))
     }
 
@@ -97,7 +97,7 @@ impl<'a> Search<'a> {
     pub fn weigh_anew(&self, current: &Fit, mut candidates: Vec<Candidate>, here: f64, scale: f64) -> Vec<Candidate> {
         candidates.truncate(LOOKED_AT);
         let Some((best, count)) = candidates.first().map(|b| (b.evidence, b.fit.hypothesis.x.len())) else { return candidates };
-        let known = Derivatives { kept: false, frozen: Some(&current.jacobian) };
+        let known = Derivatives { frozen: Some(&current.jacobian), ..Derivatives::FRESH };
         let anew = |fit: &Fit, bar: f64| self.refit_towards(fit, scale, known, bar);
         let behind = candidates.split_off(1);
         let mut all: Vec<Candidate> =
