@@ -9,7 +9,7 @@ use clap::Parser;
 use sagci_modelling::Weights;
 use sagci_training::{Settings, lessons, train};
 
-/// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
+/// Trains the networks that read object models off point clouds. Without settings, by the rounds that made the weights that ship.
 #[derive(Debug, Parser)]
 struct Arguments {
     /// Everything is drawn from it.
@@ -38,14 +38,11 @@ struct Arguments {
     out: PathBuf,
 }
 
-/// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the
-/// first. All but the last were run before clouds were cut or thinned as they are now; `world-models/perception/README.md` says how the last
-/// went on from there.
-const ROUNDS: [Settings; 4] = [
+/// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the first.
+/// `world-models/perception/README.md` says where the code is that made those to the bit.
+const ROUNDS: [Settings; 2] = [
     Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3 },
     Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3 },
-    Settings { seed: 3, objects: 8000, epochs: 8, batch: 16, rate: 1.5e-3 },
-    Settings { seed: 4, objects: 3500, epochs: 6, batch: 16, rate: 1e-3 },
 ];
 
 impl Arguments {
