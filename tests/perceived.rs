@@ -20,7 +20,7 @@ fn modelled(category: Category, seed: u64, folder: &std::path::Path) -> (ObjectM
     let mut random = Random::new(seed, "loads");
     let of = families(category, true);
     let object = of[seed as usize % of.len()].draw(&mut random);
-    let how = Look { views: 2, width: 280, points: 15_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
+    let how = Look { views: 2, width: 280, points: 15_000, near: 1.0, around: false, surroundings: false, noise: Noise::draw(&mut random) };
     let cloud = look(&object, &how, &mut random);
     let found = perceive(&cloud.points, "found", &Weights::shipped().unwrap()).unwrap();
     found.write(folder, &cloud.points, "{}").unwrap();

@@ -9,7 +9,7 @@ use sagci_furniture::{Category, Labelled, Look, Noise, Random, families, look};
 fn seen(views: usize) -> Labelled {
     let mut random = Random::new(11, "tests of the program");
     let object = families(Category::Microwave, true)[0].draw(&mut random);
-    let how = Look { views, width: 240, points: 12_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
+    let how = Look { views, width: 240, points: 12_000, near: 1.0, around: false, surroundings: false, noise: Noise::draw(&mut random) };
     look(&object, &how, &mut random)
 }
 
@@ -68,7 +68,7 @@ fn a_view_that_cuts_the_object_off_says_so_and_a_whole_view_does_not() {
         let folder = tempfile::tempdir().unwrap();
         let mut random = Random::new(4, "cropped");
         let object = families(Category::Oven, false)[0].draw(&mut random);
-        let how = Look { views: 1, width: 240, points: 12_000, near, surroundings: false, noise: Noise::NONE };
+        let how = Look { views: 1, width: 240, points: 12_000, near, around: false, surroundings: false, noise: Noise::NONE };
         let cloud = look(&object, &how, &mut random);
         let camera = &cloud.cameras[0];
         sagci_cloud::write_parts(&folder.path().join("view.ply"), &cloud.points, &[]).unwrap();

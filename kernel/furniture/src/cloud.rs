@@ -18,6 +18,8 @@ pub struct Look {
     pub points: usize,
     /// What the distance from which all of it is seen is multiplied by: less than one sees a part of it.
     pub near: f64,
+    /// Do the views come from all places before it that an arm reaches, each aimed anywhere near it? Else from about the front.
+    pub around: bool,
     /// Is the floor seen as well?
     pub surroundings: bool,
     /// The camera's errors.
@@ -32,8 +34,22 @@ impl Look {
             width: random.pick([200, 280, 360, 424]),
             points: random.scale(4_000.0, 40_000.0) as usize,
             near: 1.0,
+            around: false,
             surroundings: random.chance(0.2),
             noise: Noise::draw(random),
+        }
+    }
+
+    /// What a robot sees that goes around an unknown thing before it models it, drawn: many views, from wherever its arm reaches, put
+    /// together to one dense cloud.
+    pub fn around(random: &mut Random) -> Self {
+        Self {
+            views: 2 + random.index(7),
+            width: random.pick([160, 200, 240, 280]),
+            points: random.scale(15_000.0, 60_000.0) as usize,
+            near: random.between(0.5, 1.0),
+            around: true,
+            ..Self::draw(random)
         }
     }
 }
@@ -75,15 +91,19 @@ pub fn look_with(object: &Object, look: &Look, random: &mut Random, seen: &Seen<
     let focal = look.width as f64 / (2.0 * (random.between(54.0_f64, 72.0).to_radians() / 2.0).tan());
     let fit = 0.9 * radius * focal / (height as f64 / 2.0);
     let side = random.pick([-1.0, 1.0]);
+    // An arm that stands to one side of the front sees it from there.
+    let (heading, breadth) = if look.around { (0.4 * random.normal(), random.between(0.3, 1.3)) } else { (0.0, 0.0) };
     let mut out = Labelled { points: Vec::new(), part: Vec::new(), view: Vec::new(), cameras: Vec::new(), X_WF };
     for v in 0..look.views {
         // The first view from about the front, further ones to its sides.
         let azimuth = match v {
+            _ if look.around => (heading + random.between(-breadth, breadth)).clamp(-1.7, 1.7),
             0 => (0.45 * random.normal()).clamp(-1.0, 1.0),
             v => side * (if v % 2 == 1 { 0.55 } else { -0.55 }) + 0.25 * random.normal(),
         };
         let elevation = match object.category {
             Category::Box => random.between(0.3, 1.05),
+            _ if look.around => random.between(-0.1, 0.95),
             _ => random.between(-0.1, 0.65),
         };
         let distance = (fit * random.between(0.75, 1.35) * look.near).clamp(0.45, 3.2);

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use sagci_furniture::{Camera, Category, Class, FAMILIES, Form, Kind, Look, Noise, Random, cast, families, look};
 
 fn exact(views: usize) -> Look {
-    Look { views, width: 120, points: usize::MAX, near: 1.0, surroundings: false, noise: Noise::NONE }
+    Look { views, width: 120, points: usize::MAX, near: 1.0, around: false, surroundings: false, noise: Noise::NONE }
 }
 
 #[test]

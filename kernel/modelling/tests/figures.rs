@@ -27,7 +27,8 @@ fn weights_load_in_a_fifth_of_a_second_and_a_large_cloud_is_modelled_in_a_second
     for category in Category::ALL {
         let mut random = Random::new(1, "figures");
         let object = families(category, false)[1].draw(&mut random);
-        let how = Look { views: 3, width: 424, points: 50_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
+        let how =
+            Look { views: 3, width: 424, points: 50_000, near: 1.0, around: false, surroundings: false, noise: Noise::draw(&mut random) };
         let cloud = look(&object, &how, &mut random);
         // The best of some, and of more if none was quick: other programs may hold the processor.
         let seconds = || {

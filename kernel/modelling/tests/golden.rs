@@ -23,7 +23,7 @@ fn one_cloud_gives_the_stored_answer() {
     let mut random = Random::new(2, "golden");
     let object = families(Category::Microwave, false)[0].draw(&mut random);
     let noise = Noise { axial: 0.001, axial_square: 0.001, ..Noise::NONE };
-    let how = Look { views: 1, width: 240, points: 10_000, near: 1.0, surroundings: false, noise };
+    let how = Look { views: 1, width: 240, points: 10_000, near: 1.0, around: false, surroundings: false, noise };
     let cloud = look(&object, &how, &mut random);
     let found = perceive(&cloud.points, "golden", &Weights::shipped().unwrap()).unwrap();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden.json");

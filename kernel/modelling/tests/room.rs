@@ -15,7 +15,7 @@ fn in_a_room(mut object: Object, walls: &[Solid]) -> Object {
 }
 
 fn how(random: &mut Random) -> Look {
-    Look { views: 1, width: 320, points: 30_000, near: 1.0, surroundings: false, noise: Noise::draw(random) }
+    Look { views: 1, width: 320, points: 30_000, near: 1.0, around: false, surroundings: false, noise: Noise::draw(random) }
 }
 
 /// Shares of the object's and of the room's points that are taken for the object's.

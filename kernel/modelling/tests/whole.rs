@@ -18,7 +18,7 @@ fn seen_with(category: Category, seed: u64, noise: Option<Noise>) -> (Object, La
     let of = families(category, true);
     let object = of[seed as usize % of.len()].draw(&mut random);
     let noise = noise.unwrap_or_else(|| Noise::draw(&mut random));
-    let how = Look { views: 2, width: 280, points: 15_000, near: 1.0, surroundings: false, noise };
+    let how = Look { views: 2, width: 280, points: 15_000, near: 1.0, around: false, surroundings: false, noise };
     let cloud = look(&object, &how, &mut random);
     (object, cloud)
 }
@@ -211,7 +211,8 @@ fn a_chair_is_rigid_more_often_than_not_and_says_why() {
     for seed in seeds.clone() {
         let mut random = Random::new(seed, "still");
         let object = chair.draw(&mut random);
-        let how = Look { views: 2, width: 280, points: 12_000, near: 1.0, surroundings: false, noise: Noise::draw(&mut random) };
+        let how =
+            Look { views: 2, width: 280, points: 12_000, near: 1.0, around: false, surroundings: false, noise: Noise::draw(&mut random) };
         let found = model(&look(&object, &how, &mut random).points);
         if found.report.rigid {
             rigid += 1;

@@ -59,6 +59,9 @@ pub fn class_number(class: Class) -> usize {
     }
 }
 
+/// Share of objects that are seen in the dense cloud of many views.
+const AROUND: f64 = 0.25;
+
 /// The lessons of an index: an object and its mirror image. None where it cannot be analysed (too little of it was seen).
 pub fn lesson(seed: u64, index: u64, held_out: bool) -> Vec<Lesson> {
     draw(seed, index, held_out).unwrap_or_default()
@@ -88,6 +91,11 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
     // A wrist camera does not see a whole fridge.
     if random.chance(0.12) {
         how.near = random.between(0.35, 0.8);
+    }
+    // A robot that looks for itself goes around a thing first. From a stream of its own: what the other lessons see does not change.
+    let mut around = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "around");
+    if around.chance(AROUND) {
+        how = Look::around(&mut around);
     }
     let cloud = look(&object, &how, &mut random);
     let analyses = analyse(&cloud.points).ok()?;

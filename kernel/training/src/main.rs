@@ -38,7 +38,8 @@ struct Arguments {
     out: PathBuf,
 }
 
-/// What made the weights that ship: one round after the other, each on objects of its own. What a round does not say is as in the first.
+/// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the first.
+/// `world-models/perception/README.md` says where the code is that made those to the bit.
 const ROUNDS: [Settings; 2] = [
     Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3 },
     Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3 },
