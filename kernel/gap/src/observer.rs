@@ -16,6 +16,9 @@
 //! inertia: taken as accelerations they would make heavier models fit better, the attenuation of a slope whose regressor is noisy (Fuller
 //! 1987). It is the effort that is observed with noise, given the motion, so the density of an error is that of a force, and has no term
 //! for the inertia's own logarithm.
+//!
+//! Just after a start no model knows what acts: inputs that were sent before are still on their way, and inner states are not at rest. There
+//! the measurement rules, and nothing is counted.
 
 use crate::GapError;
 use crate::plant::{Motion, Plant};
@@ -77,11 +80,12 @@ impl Noise {
         Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
 
-    /// Standard deviation of the acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2.
-    pub fn acceleration(&self, trajectory: &Trajectory, k: usize, j: usize) -> f64 {
+    /// Standard deviation of the acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2. Where all is `strange`, as much as there is.
+    pub fn acceleration(&self, trajectory: &Trajectory, k: usize, j: usize, strange: bool) -> f64 {
         let n = trajectory.joints;
-        let moved = self.share[j] * trajectory.liveliness[k * n + j].max(self.quiet[j]);
-        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(self.share[i] * trajectory.strain[k * n + i]);
+        let share = |j: usize| if strange { self.share[j].max(1.0) } else { self.share[j] };
+        let moved = share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j]);
+        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]);
         (moved * moved + (0..n).map(|i| pushed(i).powi(2)).sum::<f64>()).sqrt()
     }
 }
@@ -110,13 +114,14 @@ impl Gains {
         let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero };
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
-            let mut p = [0.0; 3];
+            let (mut p, mut start) = ([0.0; 3], 0);
             for k in 0..rows {
                 if trajectory.starts.contains(&k) {
+                    start = k;
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
-                    let q = noise.acceleration(trajectory, k, j).powi(2);
+                    let q = noise.acceleration(trajectory, k, j, trajectory.burns_in(start, k)).powi(2);
                     let [a, b, c] = p;
                     p = [a + 2.0 * h * b + h * h * c + q * h.powi(4) / 4.0, b + h * c + q * h.powi(3) / 2.0, c + q * h * h];
                 }

@@ -224,3 +224,31 @@ fn an_input_acts_from_its_row_until_the_next() {
     let at = |t: f64| trajectory.input[trajectory.time.iter().position(|x| (x - t).abs() < 1e-9).unwrap()];
     assert_eq!([at(0.0), at(0.01), at(0.0123), at(0.495), at(0.5), at(5.0)], [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
 }
+
+/// A recording begins while what was sent before is on its way, and goes on where another ended a while ago.
+#[test]
+fn what_was_sent_before_a_recording_began_is_not_held_against_a_delay() {
+    let model = door();
+    let truth = with(&model, "transport_delay", &[("delay", 0.022)]);
+    let trajectories: Vec<Trajectory> = [1, 2]
+        .map(|seed| {
+            let mut log = swing(&truth, 2e-5, seed);
+            let joint = &mut log.joints[0];
+            let effort = joint.effort.as_mut().unwrap();
+            for series in [&mut joint.position, effort] {
+                series.time.drain(..300);
+                series.value.drain(..300);
+            }
+            log.continues = seed > 1;
+            Trajectory::new(&log, &model).unwrap()
+        })
+        .to_vec();
+    let search = Search::new(&model, &trajectories).unwrap();
+    let delayed = search.known(&model, 1.0).unwrap().hypothesis.with("transport_delay", Some("hinge"), &[0.012]).unwrap();
+    let fit = Fit::start(&search.problem, delayed).unwrap();
+    let fit = fit.improve(&search.problem, 1.0, Effort::new(20, 0.1), Derivatives::FRESH).unwrap();
+    let delay = fit.hypothesis.x.last().unwrap().exp();
+    assert!((delay / 0.022 - 1.0).abs() < 5e-3, "{delay}");
+    let white = search.problem.measured() as f64;
+    assert!(fit.squares < 1.2 * white, "{} of {white}", fit.squares);
+}

@@ -17,8 +17,9 @@ const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 const CUT: (f64, f64) = (10.0, 0.1);
 
-/// Rows after a start that are not counted.
-const BURN_IN: usize = 10;
+/// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
+/// some time.
+const BURN_IN: (usize, f64) = (10, 0.05);
 /// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
 const REST: f64 = 0.2;
 const STILL: f64 = 1.5;
@@ -141,11 +142,16 @@ impl Trajectory {
                     });
                     let mean = seen.iter().sum::<f64>() / seen.len() as f64;
                     let spread = (seen.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / seen.len() as f64).sqrt();
-                    counted[k * n + j] = k >= start + BURN_IN && spread > STILL * noise && moved.abs() > stoppable[j];
+                    counted[k * n + j] = !self.burns_in(start, k) && spread > STILL * noise && moved.abs() > stoppable[j];
                 }
             }
         }
         counted
+    }
+
+    /// Is the row one of the first after a start?
+    pub fn burns_in(&self, start: usize, k: usize) -> bool {
+        k < start + BURN_IN.0 || self.time[k] < self.time[start] + BURN_IN.1
     }
 
     /// Means over so many rows.
@@ -282,16 +288,12 @@ impl Trajectory {
         let starts: Vec<usize> = (0..rows.len()).filter(|i| first(*i)).collect();
         let entries = || rows.iter().flat_map(|k| k * n..(k + 1) * n);
         let of = |all: &[f64]| entries().map(|i| all[i]).collect();
-        let mut counted: Vec<bool> = entries().map(|i| self.counted[i]).collect();
-        for start in &starts {
-            counted[start * n..((start + BURN_IN) * n).min(rows.len() * n)].fill(false);
-        }
-        let thinned = Self {
+        let mut thinned = Self {
             source: self.source.clone(),
             hash: self.hash.clone(),
             time: rows.iter().map(|k| self.time[*k]).collect(),
             position: of(&self.position),
-            counted,
+            counted: entries().map(|i| self.counted[i]).collect(),
             liveliness: of(&self.liveliness),
             strain: of(&self.strain),
             effort: of(&self.effort),
@@ -301,6 +303,11 @@ impl Trajectory {
             continues: self.continues,
             joints: n,
         };
+        for (at, start) in thinned.starts.iter().enumerate() {
+            let end = thinned.starts.get(at + 1).copied().unwrap_or(rows.len());
+            let burnt = (*start..end).take_while(|k| thinned.burns_in(*start, *k)).count();
+            thinned.counted[start * n..(start + burnt) * n].fill(false);
+        }
         (thinned, rows)
     }
 

@@ -278,7 +278,7 @@ impl Smoothed {
                 } else {
                     let h = original.time[k] - original.time[k - 1];
                     for j in 0..n {
-                        let push = noise.acceleration(&original, k, j) * normal();
+                        let push = noise.acceleration(&original, k, j, false) * normal();
                         motion.state.v[j] += h * push;
                         motion.state.q[j] += 0.5 * h * h * push;
                     }
