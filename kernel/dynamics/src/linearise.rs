@@ -243,16 +243,19 @@ impl System {
         };
         let midpoint = !first && self.half_way();
         let share = if midpoint { 0.5 * dt } else { dt };
-        for (i, row) in x.change.chunks_exact_mut(at.width().max(1)).enumerate() {
-            let (by_q, by_v) = ws.rigid.variation.row(i).split_at(n);
-            let M = &ws.rigid.M.as_slice()[i * n..(i + 1) * n];
-            for (to, by_q) in row.iter_mut().zip(by_q) {
+        let variation = ws.rigid.variation.rows();
+        let rows = x.change.chunks_exact_mut(at.width().max(1)).zip(variation).zip(ws.rigid.M.as_slice().chunks_exact(n.max(1)));
+        for (i, ((row, variation), M)) in rows.enumerate() {
+            let (by_q, by_v) = variation.split_at(n);
+            let (to_q, rest) = row.split_at_mut(n);
+            let (to_v, rest) = rest.split_at_mut(n);
+            for (to, by_q) in to_q.iter_mut().zip(by_q) {
                 *to = dt * by_q;
             }
-            for (to, (by_v, m)) in row[n..].iter_mut().zip(by_v.iter().zip(M)) {
+            for (to, (by_v, m)) in to_v.iter_mut().zip(by_v.iter().zip(M)) {
                 *to = share * by_v - m;
             }
-            row[2 * n..].fill(0.0);
+            rest.fill(0.0);
             if x.reached.is_empty() {
                 row[at.u() + i] = -dt;
             } else {
@@ -280,7 +283,7 @@ impl System {
         for placed in self.placements() {
             let taken =
                 Taken { state, next: if first { &ws.first.w } else { &ws.problem.v }, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
-            let force = self.resistance(placed, &taken).total(taken.next[placed.v]) * dt;
+            let force = self.resistance(placed, &taken) * dt;
             if force.d_load != 0.0 {
                 self.load_change(ws, state, at, x);
             }
@@ -310,7 +313,10 @@ impl System {
                 x.H[i * n + k] += by_w;
             });
         }
-        self.eliminate_change(w, held, state, dt, at, x)
+        // The step's own factor is that of `H` where nothing depends on where the solver stopped.
+        let kept = if first { &ws.first.factor } else { &ws.problem.factor };
+        let kept = (!touching && !self.nonlinear && self.sways.is_empty()).then_some(kept.as_slice());
+        self.eliminate_change(w, held, kept, state, dt, at, x)
     }
 
     /// Derivatives of inverse dynamics at a solution, into the rigid workspace.
@@ -556,11 +562,13 @@ impl System {
         }
     }
 
-    /// Turns the right-hand sides into `dw`.
+    /// Turns the right-hand sides into `dw`; `kept` is the factor of `H` on the free coordinates, where there is one.
+    #[allow(clippy::too_many_arguments)]
     fn eliminate_change(
         &self,
         w: &[f64],
         held: &[Held],
+        kept: Option<&[Lane]>,
         state: &State,
         dt: f64,
         at: Columns,
@@ -580,20 +588,29 @@ impl System {
         }
         let m = x.free.len();
         if m == n {
-            into_lanes(&x.H, n, &mut x.factor);
             std::mem::swap(&mut x.packed, &mut x.change);
             x.packed.iter_mut().for_each(|x| *x = -*x);
         } else {
             for (i, &k) in x.free.iter().enumerate() {
-                for (to, &j) in x.factor.as_flattened_mut()[4 * i * m.div_ceil(4)..].iter_mut().zip(&x.free) {
-                    *to = x.H[k * n + j];
-                }
                 for (to, from) in x.packed[at.row(i)].iter_mut().zip(&x.change[at.row(k)]) {
                     *to = -from;
                 }
             }
         }
-        if tree_factor(&mut x.factor, &x.before).is_ok() {
+        if kept.is_none() {
+            if m == n {
+                into_lanes(&x.H, n, &mut x.factor);
+            } else {
+                for (i, &k) in x.free.iter().enumerate() {
+                    for (to, &j) in x.factor.as_flattened_mut()[4 * i * m.div_ceil(4)..].iter_mut().zip(&x.free) {
+                        *to = x.H[k * n + j];
+                    }
+                }
+            }
+        }
+        if let Some(factor) = kept {
+            tree_solve_rows(factor, m, x.packed.as_chunks_mut().0, width / 4);
+        } else if tree_factor(&mut x.factor, &x.before).is_ok() {
             tree_solve_rows(&x.factor, m, x.packed.as_chunks_mut().0, width / 4);
         } else {
             // Forces that fall with the velocity can make it indefinite.
@@ -621,11 +638,13 @@ impl System {
 
     fn write(&self, w: &[f64], dt: f64, at: Columns, x: &mut Linearisation) {
         let (n, rows) = (at.n, at.u());
+        let (width, change) = (at.width(), x.change.as_slice());
         let columns = [&mut x.A, &mut x.B, &mut x.P].into_iter().flat_map(|x| x.as_mut_slice().chunks_exact_mut(rows.max(1)));
         for (k, column) in columns.enumerate() {
             let (positions, rest) = column.split_at_mut(n);
-            for ((row, q), v) in x.change.chunks_exact(at.width().max(1)).zip(positions).zip(rest) {
-                (*q, *v) = (dt * row[k], row[k]);
+            for (i, (q, v)) in positions.iter_mut().zip(rest).enumerate() {
+                let dw = change[i * width + k];
+                (*q, *v) = (dt * dw, dw);
             }
         }
         for body in self.multibody().bodies.iter().skip(1).filter(|b| !b.follows) {

@@ -143,26 +143,27 @@ impl System {
         }
     }
 
-    /// What one effect adds at the next velocities of a step.
-    pub(crate) fn resistance(&self, placed: &Placement, taken: &Taken<'_>) -> Resistance {
-        let mut out = Resistance::default();
-        if !matches!(placed.effect.description().acts, Acts::Joint | Acts::Losses) {
-            return out;
-        }
-        if placed.effect.description().acts == Acts::Losses {
-            self.add_wear(placed, taken, &mut out);
-            return out;
-        }
-        let input = taken.tau.get(placed.v).copied().unwrap_or(0.0);
-        placed.effect.resist(self.theta_of(placed), &self.instant(placed, taken, input), &mut out);
-        if placed.effect.description().wears {
-            let factor = self.wear(placed.v, taken, None);
-            if factor != 1.0 {
+    /// What one effect adds at the next velocities of a step, all together.
+    pub(crate) fn resistance(&self, placed: &Placement, taken: &Taken<'_>) -> Partial {
+        let description = placed.effect.description();
+        match description.acts {
+            Acts::Joint => {
+                let input = taken.tau.get(placed.v).copied().unwrap_or(0.0);
+                let (theta, at) = (self.theta_of(placed), self.instant(placed, taken, input));
+                let factor = if description.wears { self.wear(placed.v, taken, None) } else { 1.0 };
+                if factor == 1.0 {
+                    return placed.effect.resist_in_all(theta, &at);
+                }
+                // Stops do not wear.
+                let mut out = Resistance::default();
+                placed.effect.resist(theta, &at, &mut out);
                 out.smooth = out.smooth * factor;
                 out.dry = out.dry.map(|d| d * factor);
+                out.total(at.next)
             }
+            Acts::Losses => self.wear_of(placed, taken).total(taken.next[placed.v]),
+            _ => Partial::default(),
         }
-        out
     }
 
     /// The same without derivatives, for the step; of an effect that acts on a joint.
@@ -189,7 +190,8 @@ impl System {
 
     /// The force that wear adds is counted with the effects that it scales; what is left for it is its derivative by its own
     /// parameters.
-    fn add_wear(&self, placed: &Placement, taken: &Taken<'_>, out: &mut Resistance) {
+    fn wear_of(&self, placed: &Placement, taken: &Taken<'_>) -> Resistance {
+        let mut out: Resistance = Resistance::default();
         let slope = placed.effect.wear(self.theta_of(placed), taken.state.time + taken.dt).d_theta;
         let others = self.wear(placed.v, taken, Some(placed.theta.start));
         let mut scaled = [0.0; 3];
@@ -205,6 +207,7 @@ impl System {
         for (part, scaled) in [&mut out.smooth, forward, backward].into_iter().zip(scaled) {
             part.d_theta = slope.map(|d| d * scaled);
         }
+        out
     }
 
     /// The way back through the forces of a step, `dtau`: `lambda` are the multipliers of the step's equations
@@ -215,7 +218,7 @@ impl System {
             if weight == 0.0 {
                 continue;
             }
-            let total = self.resistance(placed, taken).total(taken.next[placed.v]);
+            let total = self.resistance(placed, taken);
             bar.add(placed, &total, weight);
             bar.tau[placed.v] += weight * total.d_input;
         }

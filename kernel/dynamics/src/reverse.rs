@@ -655,7 +655,7 @@ impl System {
         let n = w.len();
         H[..n * n].copy_from_slice(&record.M);
         for placed in self.placements() {
-            H[placed.v * n + placed.v] += taken.dt * self.resistance(placed, taken).total(taken.next[placed.v]).d_next;
+            H[placed.v * n + placed.v] += taken.dt * self.resistance(placed, taken).d_next;
         }
         for (place, base) in self.sways.iter().zip(bases) {
             let Some(motion) = self.base_step(place, base, taken.state, taken.dt) else { continue };

@@ -368,7 +368,7 @@ impl System {
         let taken = Taken { state, next: &state.v, tau: &ws.tau, seen: &[], load: &ws.load, dt: 0.0 };
         for placed in &self.placements {
             if !placed.effect.description().takes_input() {
-                tau[placed.v] += self.resistance(placed, &taken).total(state.v[placed.v]).value;
+                tau[placed.v] += self.resistance(placed, &taken).value;
             }
         }
         Ok(())

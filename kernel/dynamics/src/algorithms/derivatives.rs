@@ -160,6 +160,11 @@ impl Variation {
         self.table[0] = [by_q, 0.0, 0.0, 0.0];
     }
 
+    /// All of [`Self::row`].
+    pub fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.table.as_flattened().chunks_exact(4 * self.width.max(1))
+    }
+
     /// Row `i` of the derivatives of inverse dynamics: by the `n` positions, then by the `n` velocities.
     pub fn row(&self, i: usize) -> &[f64] {
         self.table[i * self.width..(i + 1) * self.width].as_flattened()

@@ -72,6 +72,9 @@ pub trait Effect: std::fmt::Debug + Sync {
     /// What it adds to its joint. `theta` are its parameters in the order of the description; `out` comes in empty.
     fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance);
 
+    /// All of it together at the next velocity, as [`Resistance::total`] adds it up.
+    fn resist_in_all(&self, theta: &[f64], at: &Instant<'_>) -> Partial;
+
     /// The same without derivatives but the slope, for a step.
     fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force;
 
@@ -160,6 +163,12 @@ impl<L: Law> Effect for L {
 
     fn resist(&self, theta: &[f64], at: &Instant<'_>, out: &mut Resistance) {
         Law::resist(self, theta, at, out);
+    }
+
+    fn resist_in_all(&self, theta: &[f64], at: &Instant<'_>) -> Partial {
+        let mut out = Resistance::default();
+        Law::resist(self, theta, at, &mut out);
+        out.total(at.next)
     }
 
     fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force {
