@@ -6,8 +6,11 @@
 //! **Position.** A hinge takes `p` along a circle about its axis, whose direction `a` the stored model gives; an error of its tilt by `b` makes
 //! an ellipse of the circle, an error of `b^2 / 4` of the angle. Where the axis lies is measured: in the plane across `a`, all holds of a run
 //! share the centre `c` and have a radius each, `|p|^2 = 2 c . p + k_hold`, which is linear in `c` and `k` (Kasa 1976). The joint's position is
-//! the angle about `c` since the run began, added to where the joint was believed to be then. A slide takes `p` along `a`, and the position is
-//! the way along it.
+//! the angle about `c`, counted from a [`Zero`]. A slide takes `p` along `a`, and the position is the way along it.
+//!
+//! The first run says where zero lies: the hand's place as the hold began was where the joint was believed to be then. Later runs on the same
+//! joint keep it, while the object stands where it did: fingers that close about a handle push the joint some way from where it was believed to
+//! be, each time another way, and forces that are bound to a place would seem to wander.
 //!
 //! **Effort.** The sensor gives the wrench that the world puts on the hand; its opposite is what the hand puts on the link. Along the joint
 //! that is `a . ((p_S - c) x f + t)` for a hinge and `a . f` for a slide. What the sensor says while the hand is free before it grips is its
@@ -55,6 +58,19 @@ pub struct HeldJoint<'a> {
     pub joint: &'a str,
     /// Positions of the object's moving joints when the run began, rad or m.
     pub q: &'a [f64],
+    /// From where an earlier run on the same joint counted, if there was one.
+    pub zero: Option<&'a Zero>,
+}
+
+/// Where the positions of a joint are counted from, as the hand that held it measures them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Zero {
+    /// Pose of the object's root link in the world.
+    X_WO: Isometry3<f64>,
+    /// A hinge's centre.
+    center: Point3<f64>,
+    /// What is measured there where the joint is at zero, rad or m.
+    position: f64,
 }
 
 /// Why nothing can be said of a joint.
@@ -90,11 +106,11 @@ struct Hold {
 }
 
 /// Position and effort of a joint from what the robot sensed in one run, one recording for each time that the handle was held: rows of ten
-/// sensor periods, rad or m, N m or N, positive along the joint's axis.
+/// sensor periods, rad or m, N m or N, positive along the joint's axis. And from where positions are counted.
 ///
 /// # Errors
 /// Models without such a joint or robot; a run in which the handle was not held.
-pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Log>, HeldJointError> {
+pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<(Vec<Log>, Zero), HeldJointError> {
     let lacks = |what: &str| HeldJointError::Model(format!("'{}' {what}", setting.robot.name));
     let facts = setting.robot.document.robot.as_ref().ok_or_else(|| lacks("is not a robot"))?;
     let tool = setting.robot.link(&facts.gripper.link).ok_or_else(|| lacks("has no gripper link"))?;
@@ -118,8 +134,14 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
     let first = holds.first().ok_or_else(not_held)?;
     let bias = free_wrench(run, first.start);
     let hands: Vec<Vec<Hand>> = holds.iter().map(|h| run[h.start..h.end].iter().map(sense).collect()).collect();
-    let along = Along::measured(&axis, &hands);
-    let q_start = setting.q.get(slot).copied().unwrap_or(0.0);
+    let mut along = Along::measured(&axis, &hands);
+    let believed = setting.q.get(slot).copied().unwrap_or(0.0);
+    let kept = setting.zero.filter(|zero| zero.X_WO == setting.X_WO);
+    if let Some(zero) = kept {
+        along.center = zero.center;
+    }
+    let begin = hands.first().map_or(0.0, |hold| along.positions(hold).first().copied().unwrap_or(0.0));
+    let zero = kept.cloned().unwrap_or(Zero { X_WO: setting.X_WO, center: along.center, position: begin - believed });
     let limits = setting.object.joint(setting.joint).map(|j| setting.object.joints[j].limits);
     let inside = |q: f64| {
         limits.is_none_or(|l| {
@@ -129,15 +151,17 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
     };
 
     let mut logs = Vec::new();
-    let mut origin = None;
     for (number, hold) in hands.iter().enumerate() {
         let s = along.positions(hold);
-        let origin = *origin.get_or_insert_with(|| s.first().copied().unwrap_or(0.0));
+        // Whole turns are as near to what is believed as can be.
+        let turn = std::f64::consts::TAU;
+        let turns = if along.turns { ((begin - zero.position - believed) / turn).round() * turn } else { 0.0 };
+        let origin = zero.position + turns;
         let mut rows: Vec<(f64, f64, f64)> = Vec::new();
         for k in (0..hold.len().saturating_sub(ROW)).step_by(ROW) {
             // A sample's force is that of the period which it ends.
             let effort = hold[k + 1..=k + ROW].iter().map(|h| along.effort(h, &bias)).sum::<f64>() / ROW as f64;
-            rows.push((hold[k].time, q_start + s[k] - origin, effort));
+            rows.push((hold[k].time, s[k] - origin, effort));
         }
         let (Some(from), Some(to)) = (rows.iter().position(|r| inside(r.1)), rows.iter().rposition(|r| inside(r.1))) else { continue };
         let rows = &rows[from..=to];
@@ -151,7 +175,7 @@ pub fn held_joint(setting: &HeldJoint<'_>, run: &[Observation]) -> Result<Vec<Lo
         let log = Log { source: format!("hold {}", number + 1), joints: vec![joint], ..Log::default() };
         logs.push(log.hashed());
     }
-    if logs.is_empty() { Err(not_held()) } else { Ok(logs) }
+    if logs.is_empty() { Err(not_held()) } else { Ok((logs, zero)) }
 }
 
 /// When the gripper held something.

@@ -13,4 +13,4 @@ mod held_joint;
 
 pub use gap::{Figure, Gap, gaps};
 pub use hand_path::{AxisGap, HandPath, HandPathError, JointEstimate, StoredAxis, axis_gap, joint_from_hand_path, stored_axis};
-pub use held_joint::{HeldJoint, HeldJointError, held_joint};
+pub use held_joint::{HeldJoint, HeldJointError, Zero, held_joint};

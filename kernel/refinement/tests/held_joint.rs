@@ -67,8 +67,8 @@ fn position_and_effort_are_those_of_the_door_wherever_it_was_thought_to_stand() 
     let facts = robot.document.robot.as_ref().unwrap();
     for off in [Vector3::zeros(), Vector3::new(0.01, -0.02, 0.005)] {
         let X_WO = Isometry3::from(off) * X_WO(&door);
-        let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO, joint: DOOR, q: &[0.1] };
-        let logs = held_joint(&setting, &observations).unwrap();
+        let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO, joint: DOOR, q: &[0.1], zero: None };
+        let (logs, _) = held_joint(&setting, &observations).unwrap();
         assert_eq!(logs.len(), 1);
         let (time, position, effort) = read(&logs[0]);
         assert!(time.len() > 180 && time.windows(2).all(|w| (w[1] - w[0] - 0.01).abs() < 1e-9));
@@ -88,12 +88,30 @@ fn position_and_effort_are_those_of_the_door_wherever_it_was_thought_to_stand() 
     }
 }
 
+/// Fingers that close about the handle have pushed the door since it was last seen.
+#[test]
+fn a_later_run_counts_from_where_the_first_one_did_and_not_from_a_belief() {
+    let (robot, door) = (stored("panda"), stored("microwave"));
+    let observations = run(&robot, -1.2);
+    let first =
+        HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint: DOOR, q: &[0.1], zero: None };
+    let (logs, zero) = held_joint(&first, &observations).unwrap();
+    let expected = read(&logs[0]).1.to_vec();
+    let later = HeldJoint { q: &[0.115], zero: Some(&zero), ..first };
+    let (logs, again) = held_joint(&later, &observations).unwrap();
+    assert_eq!((read(&logs[0]).1, &again), (expected.as_slice(), &zero));
+    // Where the object was moved, nothing is known but what is believed.
+    let moved = Isometry3::translation(0.0, 0.002, 0.0) * X_WO(&door);
+    let (logs, _) = held_joint(&HeldJoint { X_WO: moved, ..later }, &observations).unwrap();
+    assert!((read(&logs[0]).1[0] - expected[0] - 0.015).abs() < 1e-6);
+}
+
 #[test]
 fn what_lies_at_a_stop_is_left_out() {
     let (robot, door) = (stored("panda"), stored("microwave"));
     let X_WO = X_WO(&door);
-    let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO, joint: DOOR, q: &[0.0] };
-    let logs = held_joint(&setting, &run(&robot, -1.2)).unwrap();
+    let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO, joint: DOOR, q: &[0.0], zero: None };
+    let (logs, _) = held_joint(&setting, &run(&robot, -1.2)).unwrap();
     let (_, position, _) = read(&logs[0]);
     let range = door.joints[door.joint(DOOR).unwrap()].limits.range();
     assert!(position[0] > 0.005 * range && position[0] < 0.01 * range, "begins at {} rad", position[0]);
@@ -104,7 +122,8 @@ fn a_hand_that_held_nothing_says_so() {
     let (robot, door) = (stored("panda"), stored("microwave"));
     let mut observations = run(&robot, -1.2);
     observations.iter_mut().for_each(|o| o.gripper_force = 0.2);
-    let setting = |joint| HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint, q: &[0.0] };
+    let setting =
+        |joint| HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint, q: &[0.0], zero: None };
     assert!(matches!(held_joint(&setting(DOOR), &observations), Err(HeldJointError::NotHeld { .. })));
     assert!(matches!(held_joint(&setting(DOOR), &[]), Err(HeldJointError::NotHeld { .. })));
     assert!(matches!(held_joint(&setting("lid"), &observations), Err(HeldJointError::Model(_))));
@@ -113,8 +132,9 @@ fn a_hand_that_held_nothing_says_so() {
 #[test]
 fn what_is_written_is_read_again_with_the_same_values_and_the_same_hash() {
     let (robot, door) = (stored("panda"), stored("microwave"));
-    let setting = HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint: DOOR, q: &[0.0] };
-    let log = held_joint(&setting, &run(&robot, -1.2)).unwrap().remove(0);
+    let setting =
+        HeldJoint { robot: &robot, X_WR: Isometry3::identity(), object: &door, X_WO: X_WO(&door), joint: DOOR, q: &[0.0], zero: None };
+    let log = held_joint(&setting, &run(&robot, -1.2)).unwrap().0.remove(0);
     let file = std::env::temp_dir().join(format!("held-joint-{}.csv", std::process::id()));
     std::fs::write(&file, log.to_csv()).unwrap();
     let again = sagci_recording::read(std::slice::from_ref(&file), Some(&door)).unwrap().remove(0);

@@ -12,7 +12,7 @@ use sagci_gap::{Found, Options, find, page};
 use sagci_library::Evidence;
 use sagci_model::{JointKind, ObjectModel};
 use sagci_recording::Log;
-use sagci_refinement::{HeldJoint, held_joint};
+use sagci_refinement::{HeldJoint, Zero, held_joint};
 use sagci_signal::SceneBelief;
 use sagci_skill::{Failure, FailureCode};
 use sagci_world::judge::NamedEffect;
@@ -36,18 +36,21 @@ pub(super) struct Recorded {
     /// Name of the object in the scene.
     object: String,
     joint: String,
-    /// One recording for each hold of the handle, or why there is none.
-    logs: Result<Vec<Log>, String>,
+    /// One recording for each hold of the handle, and from where positions are counted; or why there is none.
+    logs: Result<(Vec<Log>, Zero), String>,
 }
 
 impl Recorded {
-    /// What the robot sensed while it moved a joint of an object, whose place and joints were believed to be as `before` says.
-    pub(super) fn new(live: &Live, before: &SceneBelief, object: &str, joint: &str) -> Self {
+    /// What the robot sensed while it moved a joint of an object, whose place and joints were believed to be as `before` says. Positions are
+    /// counted as in `earlier` runs.
+    pub(super) fn new(live: &Live, before: &SceneBelief, [object, joint]: [&str; 2], earlier: &[Self]) -> Self {
+        let same = |run: &&Self| run.object == object && run.joint == joint;
+        let zero = earlier.iter().rev().filter(same).find_map(|run| Some(&run.logs.as_ref().ok()?.1));
         let logs = before.object(object).zip(live.object(object)).map_or_else(
             || Err(format!("'{object}' is not in the scene")),
             |(belief, (_, model))| {
-                let setting =
-                    HeldJoint { robot: &live.scene.robot, X_WR: before.X_WR, object: model, X_WO: belief.X_WO, joint, q: &belief.q };
+                let (X_WR, X_WO) = (before.X_WR, belief.X_WO);
+                let setting = HeldJoint { robot: &live.scene.robot, X_WR, object: model, X_WO, joint, q: &belief.q, zero };
                 held_joint(&setting, &live.sensed).map_err(|e| e.to_string())
             },
         );
@@ -56,7 +59,7 @@ impl Recorded {
 
     /// Writes the recordings beside the run's own: `sagci gap` reads them.
     pub(super) fn write(&self, folder: &Path, stem: &str) -> Result<(), std::io::Error> {
-        for (i, log) in self.logs.iter().flatten().enumerate() {
+        for (i, log) in self.logs.iter().flat_map(|(logs, _)| logs).enumerate() {
             std::fs::write(folder.join(format!("{stem}.hold-{}.csv", i + 1)), log.to_csv())?;
         }
         Ok(())
@@ -118,7 +121,7 @@ impl Host {
                 }));
             }
             let held = recorded.logs.as_ref().map_err(|why| Stop::Failed(unsuitable(format!("{run}: {why}"))))?;
-            logs.extend(held.iter().map(|log| Log { source: format!("{run}, {}", log.source), ..log.clone() }));
+            logs.extend(held.0.iter().map(|log| Log { source: format!("{run}, {}", log.source), ..log.clone() }));
             joint.get_or_insert_with(|| recorded.joint.clone());
         }
         let end = |log: &Log| log.joints.first().and_then(|j| Some((*j.position.time.first()?, *j.position.time.last()?)));

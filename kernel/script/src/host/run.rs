@@ -331,7 +331,7 @@ impl Host {
                 report.seconds = live.observation.time - start;
                 let mut carried = carried?;
                 if let Some((object, joint)) = &carried.moved {
-                    let recorded = Recorded::new(live, &believed, object, joint);
+                    let recorded = Recorded::new(live, &believed, [object, joint], &self.runs);
                     if let Some(out) = &self.options.out {
                         let stem = format!("seed-{}.run-{}", self.options.seed, self.runs.len() + 1);
                         recorded.write(out, &stem).map_err(|e| broken("what was recorded", e))?;
