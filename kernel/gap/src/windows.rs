@@ -107,16 +107,25 @@ impl Noise {
     }
 }
 
-/// Windows of a length: the row that each starts from, and the one that it ends before.
+/// Windows of a length: the row that each starts from, and the one that it ends before. What was put in before a recording began may
+/// act in its first rows, where velocities are known by positions alone: windows start after these, in data that are long enough.
 fn places(trajectory: &Trajectory, length: f64) -> Vec<(usize, usize)> {
+    let later = places_after(trajectory, length, |start, row| trajectory.burns_in(start, row));
+    if later.is_empty() { places_after(trajectory, length, |_, _| false) } else { later }
+}
+
+fn places_after(trajectory: &Trajectory, length: f64, is_early: impl Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
     let mut found = Vec::new();
-    let mut next = f64::NEG_INFINITY;
+    let (mut start, mut next) = (0, f64::NEG_INFINITY);
     for row in 0..trajectory.rows() {
         if trajectory.starts.contains(&row) {
-            next = trajectory.time[row];
+            (start, next) = (row, f64::NEG_INFINITY);
         }
-        if trajectory.time[row] < next - 1e-9 {
+        if trajectory.time[row] < next - 1e-9 || is_early(start, row) {
             continue;
+        }
+        if next == f64::NEG_INFINITY {
+            next = trajectory.time[row];
         }
         next += 0.5 * length;
         let end = trajectory.time[row] + length;
