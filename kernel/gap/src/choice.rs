@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DVector;
 use sagci_dynamics::effects::{self, Acts};
+use sagci_model::JointKind;
 
 use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob};
@@ -89,6 +90,15 @@ impl Search<'_> {
             let end = |x: f64| fitted.value(x.clamp(low, high));
             let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
             parameters.insert((*name).to_owned(), value);
+        }
+        // A number that no data move stands as it is.
+        let side =
+            usize::from(what.joint.as_ref().and_then(|j| model.joint(j)).is_some_and(|i| model.joints[i].kind == JointKind::Prismatic));
+        let all = effects::find(&what.effect).map_or(&[][..], |e| e.description().parameters);
+        for (name, value) in &what.parameters {
+            let Some(parameter) = all.iter().find(|p| p.name == name) else { continue };
+            let fixed = Value { value: *value, lower: *value, upper: *value, unit: parameter.unit[side].into() };
+            parameters.entry(name.clone()).or_insert(fixed);
         }
         let mut alternatives: Vec<String> = choice.alike[1..].iter().map(|c| c.effect.to_owned()).collect();
         alternatives.extend(choice.equivalent.iter().map(|n| (*n).to_owned()));

@@ -62,6 +62,8 @@ pub struct Found {
 
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
+/// Share of the errors' scale below which what is left is fitted anew.
+const COARSE: f64 = 1.0 / 3.0;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
 /// How many times its noise floor a gap is that cannot be smaller, and the evidence that a force without a name needs there.
@@ -105,11 +107,21 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let mut chosen: Vec<Choice> = Vec::new();
     let mut lost: Vec<(&str, f64)> = Vec::new();
     let mut nameless_won = false;
+    // The likeliest, where a plainer one was put before it.
+    let mut passed: Option<Vec<Candidate>> = None;
     while chosen.len() < MOST {
         say(&format!("looking for {} missing effect", if chosen.is_empty() { "a" } else { "another" }));
         let mut candidates = search.stage(&current, scale)?;
         let Some(first) = candidates.first() else { break };
         let mut next = search.scale(&first.fit);
+        // Fits that ended among errors so much larger than those that are left have not ended.
+        if next < COARSE * scale {
+            let before = search.evidence(&current, scale);
+            candidates = search.weigh_anew(&current, candidates, before, next);
+            search.rank(&mut candidates, next);
+        }
+        let Some(first) = candidates.first() else { break };
+        next = next.min(search.scale(&first.fit));
         if let Some(noise) = search.likelier_noise(&first.fit)? {
             let before = search.evidence(&current, scale);
             search = search.with_noise(noise);
@@ -121,6 +133,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         scale = next;
         search.rank(&mut candidates, scale);
         let here = search.evidence(&current, scale);
+        let likeliest = candidates.clone();
         search.prefer_simpler(model, &mut candidates, here, options.window)?;
         search.prefer_two(model, &current, &mut candidates, scale, options.window)?;
         let Some(best) = candidates.first() else { break };
@@ -148,7 +161,24 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
         };
+        // A force below what any model is off by needs no second name, where the likeliest alone says what the plainer one and it say.
+        if let Some(mut instead) = passed.take().filter(|_| force < MATERIAL)
+            && let Some(last) = chosen.last()
+        {
+            let alone = search.settle(&instead[0].fit.clone().under(&search.problem)?, scale);
+            if search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING {
+                say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
+                instead[0].fit = alone.clone();
+                let before = last.best.evidence - last.gain;
+                let choice = Choice::new(&instead, before, last.nameless, last.explained, scale);
+                chosen.pop();
+                chosen.push(choice);
+                current = alone;
+                continue;
+            }
+        }
         let explained = search.explained(&current, &best.fit);
+        passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
         current = settled;
         chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
     }

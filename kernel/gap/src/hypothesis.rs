@@ -268,13 +268,15 @@ impl Hypothesis {
     }
 }
 
-/// The parameters of an effect that can be fitted, with where they stand.
+/// The parameters of an effect that can be fitted, with where they stand. A place of either sign that has a size is zero where the effect acts
+/// everywhere: a fit by its logarithm never comes back to that, so it stays.
 fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
     let side = usize::from(prismatic);
     let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
     numbers
         .filter_map(|(parameter, value)| {
             let (logarithmic, mean, deviation) = match parameter.prior[side] {
+                Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
                 Prior::LogNormal { median, spread } => (true, median.ln(), spread),
                 Prior::Normal { mean, deviation } => (false, mean, deviation),
                 Prior::OneOf(_) => return None,

@@ -38,6 +38,8 @@ mod search;
 mod span;
 mod starts;
 #[cfg(test)]
+mod starts_tests;
+#[cfg(test)]
 mod tests;
 mod trajectory;
 mod unseen;

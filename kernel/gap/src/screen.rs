@@ -64,21 +64,20 @@ impl Search<'_> {
         // Where one step after the other is compared, their order cancels.
         let rough = self.problem.roughly();
         let rough_base = rough.errors(&base.hypothesis, &base.hypothesis.x)?;
-        let worth = |hypothesis: &Hypothesis, gain: f64| {
-            let extra = (hypothesis.x.len() - base.hypothesis.x.len()) as f64;
-            0.5 * gain / (scale * scale) - 0.5 * extra * (self.problem.measured() as f64).ln()
-        };
+        // What numbers cost that were fitted (Schwarz 1978). Where one run was looked at along one direction, that is one number.
+        let worth = |numbers: usize, gain: f64| 0.5 * gain / (scale * scale) - 0.5 * numbers as f64 * (self.problem.measured() as f64).ln();
         let screened = |t: Try| {
             let response = responses.get(t.joint.unwrap_or(0))?;
             if !t.linear && !t.joint.is_none_or(|j| pushed[j]) {
                 return None;
             }
-            let (x, gain) = if t.linear {
-                self.by_response(base, response, &span, &t, scale)
+            let (x, worth) = if t.linear {
+                let (x, gain) = self.by_response(base, response, &span, &t, scale);
+                (x, worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain))
             } else {
-                by_run(&rough, &rough_base, &span, base, &t.hypothesis)?
+                let (x, gain) = by_run(&rough, &rough_base, &span, base, &t.hypothesis)?;
+                (x, worth(1, gain))
             };
-            let worth = worth(&t.hypothesis, gain);
             let hypothesis = Hypothesis { x, ..t.hypothesis };
             worth.is_finite().then_some(Screened {
                 linear: t.linear,

@@ -17,8 +17,8 @@ pub(crate) struct JointView {
     pub turns: bool,
     /// Inertia that a drive at the joint feels.
     pub inertia: f64,
-    /// Greatest effort of its drive, N m or N.
-    pub effort: f64,
+    /// Efforts of its drive without their signs, by size, N m or N.
+    pub efforts: Vec<f64>,
     /// Positions at which the lacking force stands out, the most conspicuous first.
     pub places: Vec<f64>,
     /// Cycles a turn at which the lacking force repeats, the strongest first.
@@ -109,19 +109,21 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "actuator_lag" => each(&|t| vec![t], &[h.max(0.004), 0.015]),
         "armature_inertia" => vec![vec![0.1 * m]],
         "torque_gain" => vec![vec![0.05]],
-        "actuator_saturation" => each(&|s| vec![s * view.effort], &[0.9, 0.65, 0.4, 0.2]),
+        // Below a few peaks, or below so much of all the time.
+        "actuator_saturation" => {
+            let most = view.efforts.last().copied().unwrap_or(0.0);
+            let quantile = |q: f64| view.efforts.get((q * view.efforts.len() as f64) as usize).copied().unwrap_or(most);
+            let limits = [0.9 * most, 0.65 * most, quantile(0.97), quantile(0.9), quantile(0.75), quantile(0.5)];
+            each(&|limit| vec![limit.max(1e-6)], &limits)
+        }
         "payload" => {
-            let [x, y, z] = view.p_LoLcm;
-            vec![vec![0.2 * view.mass, x, y, z]]
+            // Where the link has its mass, and as far from there to all sides of the axis.
+            let center = nalgebra::Vector3::from(view.p_LoLcm);
+            let reach = center.norm().max(0.05);
+            let around = across(view.axis).into_iter().flat_map(|d| [center + reach * d, center - reach * d]);
+            std::iter::once(center).chain(around).map(|p| vec![0.2 * view.mass, p.x, p.y, p.z]).collect()
         }
-        "joint_axis_error" => {
-            // Two directions across the axis.
-            let a = nalgebra::Vector3::from(view.axis);
-            let other = if a.x.abs() < 0.8 { nalgebra::Vector3::x() } else { nalgebra::Vector3::y() };
-            let first = a.cross(&other).normalize();
-            let second = a.cross(&first);
-            [first, second].iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect()
-        }
+        "joint_axis_error" => across(view.axis).iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect(),
         "encoder_offset" => vec![vec![0.005, 0.0], vec![0.0, 0.01]],
         "sensor_drift" => vec![vec![0.005, 0.0, 0.0], vec![0.0, 0.01 / view.duration, 0.0]],
         "clock_skew" => each(&|s| vec![s], &[h.max(0.003)]),
@@ -133,6 +135,14 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         }
         _ => Vec::new(),
     }
+}
+
+/// Two directions across an axis.
+fn across(axis: [f64; 3]) -> [nalgebra::Vector3<f64>; 2] {
+    let a = nalgebra::Vector3::from(axis);
+    let other = if a.x.abs() < 0.8 { nalgebra::Vector3::x() } else { nalgebra::Vector3::y() };
+    let first = a.cross(&other).normalize();
+    [first, a.cross(&first)]
 }
 
 /// Where the fit of a neighbour begins, by its own equations, once an effect is fitted: both loops of friction have a width, which a

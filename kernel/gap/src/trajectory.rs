@@ -311,6 +311,12 @@ impl Trajectory {
         (thinned, rows)
     }
 
+    /// Do inner states begin anew with it, after data that ended at some time? Where nothing was recorded for a while nobody knows them, and
+    /// what was bent or pressed or under way has come to rest.
+    pub fn begins_anew(&self, end: f64) -> bool {
+        !self.continues || self.time[0] - end > (CUT.0 * self.period()).max(CUT.1)
+    }
+
     /// Positions of one joint, NaN where nothing was measured.
     pub fn positions(&self, joint: usize) -> impl Iterator<Item = f64> + '_ {
         self.position.iter().skip(joint).step_by(self.joints).copied()

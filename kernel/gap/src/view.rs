@@ -117,6 +117,8 @@ impl Search<'_> {
         let link = &model.links[joint.child].inertial;
         // What the drive makes of its command, not the command.
         let efforts = runs.iter().flat_map(|r| r.tau.iter().skip(j).step_by(self.names.len())).filter(|u| u.is_finite());
+        let mut efforts: Vec<f64> = efforts.map(|u| u.abs()).collect();
+        efforts.sort_by(f64::total_cmp);
         let p = link.p_LoLcm;
         JointView {
             force: binned(&rows, low, high).max(1e-6),
@@ -124,7 +126,7 @@ impl Search<'_> {
             range: [low, high],
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             inertia: self.inertias[j],
-            effort: efforts.fold(0.0, |a, u| u.abs().max(a)).max(1e-6),
+            efforts,
             places: places(&rows, low, high),
             cycles: cycles(&rows, low, high),
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),

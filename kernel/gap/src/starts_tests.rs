@@ -1,0 +1,95 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::Vector3;
+
+use crate::hypothesis::Hypothesis;
+use crate::search::Search;
+use crate::starts::{JointView, starts};
+use crate::tests::{door, swing, with};
+use crate::trajectory::Trajectory;
+
+/// The peaks of efforts that pushes make are a hundred times what acts most of the time.
+fn view() -> JointView {
+    let mut efforts: Vec<f64> = (0..1000).map(|i| 0.3 + 4e-4 * f64::from(i)).collect();
+    efforts.extend([12.0, 14.0]);
+    JointView {
+        force: 0.2,
+        speed: 0.5,
+        range: [-1.0, 1.0],
+        turns: true,
+        inertia: 0.02,
+        efforts,
+        places: vec![0.0],
+        cycles: Vec::new(),
+        duration: 10.0,
+        period: 0.005,
+        mass: 0.3,
+        p_LoLcm: [0.15, 0.0, 0.0],
+        axis: [0.0, -1.0, 0.0],
+    }
+}
+
+#[test]
+fn a_limit_that_most_efforts_exceed_is_begun_near() {
+    let limits: Vec<f64> = starts("actuator_saturation", &view()).iter().map(|v| v[0]).collect();
+    for truth in [0.4, 0.6, 0.65] {
+        assert!(limits.iter().any(|l| (l / truth - 1.0).abs() < 0.3), "{truth} is far from all of {limits:?}");
+    }
+}
+
+#[test]
+fn a_payload_beside_the_links_center_is_begun_near() {
+    let view = view();
+    let centers: Vec<Vector3<f64>> = starts("payload", &view).iter().map(|v| Vector3::new(v[1], v[2], v[3])).collect();
+    // Round the axis it is the direction that counts.
+    for angle in 0..12 {
+        let (s, c) = (std::f64::consts::TAU * f64::from(angle) / 12.0).sin_cos();
+        let added = Vector3::new(view.p_LoLcm[0] + 0.2 * c, 0.0, view.p_LoLcm[2] + 0.2 * s);
+        let near = centers.iter().map(|p| p.angle(&added)).fold(f64::INFINITY, f64::min);
+        assert!(near < 50.0_f64.to_radians(), "{added} is far from all of {centers:?}");
+    }
+}
+
+/// A seal at zero is everywhere. A number near zero is a seal that nothing reaches.
+#[test]
+fn a_seal_that_is_everywhere_stays_so_in_a_fit() {
+    let given = with(&door(), "air_suction", &[("stiffness", 3.0), ("time_constant", 0.8), ("seal_position", 0.0)]);
+    let hypothesis = Hypothesis::known(&given, &[0]);
+    let model = hypothesis.model_at(&hypothesis.x);
+    assert_eq!(model.document.effects[0].parameters["seal_position"], 0.0);
+    let trajectories = [Trajectory::new(&swing(&given, 2e-4, 1), &door()).unwrap()];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let base = search.known(&door(), 1.0).unwrap();
+    let first = search.stage(&base, search.scale(&base)).unwrap().swap_remove(0);
+    assert_eq!(first.effect, "air_suction");
+    let found = first.fit.hypothesis.model_at(&first.fit.hypothesis.x);
+    let parameters = &found.document.effects[0].parameters;
+    assert_eq!(parameters["seal_position"], 0.0);
+    assert!((parameters["stiffness"] / 3.0 - 1.0).abs() < 0.1, "{parameters:?}");
+}
+
+/// Two recordings of one session with a second between them, in which a cable came to rest elsewhere.
+#[test]
+fn what_a_pause_let_go_is_not_carried_into_the_next_recording() {
+    let cable = [("stiffness", 0.2), ("rest_position", 0.3), ("loop_force", 1.0), ("loop_length", 0.6), ("damping", 0.02)];
+    let truth = with(&door(), "cable_hysteresis", &cable);
+    let trajectories: Vec<Trajectory> = [1, 2]
+        .map(|seed| {
+            let mut log = swing(&truth, 2e-5, seed);
+            let joint = &mut log.joints[0];
+            for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
+                series.time.iter_mut().for_each(|t| *t += 11.0 * (seed - 1) as f64);
+            }
+            log.continues = seed > 1;
+            Trajectory::new(&log, &door()).unwrap()
+        })
+        .to_vec();
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let values: Vec<f64> = cable.iter().map(|c| c.1).collect();
+    let right = search.known(&door(), 1.0).unwrap().hypothesis.with("cable_hysteresis", Some("hinge"), &values).unwrap();
+    let x: Vec<f64> =
+        right.fitted.iter().zip(&right.x).enumerate().map(|(i, (f, x))| if i < right.known { f.prior[0] } else { *x }).collect();
+    let squares = search.problem.errors(&right, &x).unwrap().norm_squared();
+    let white = search.problem.measured() as f64;
+    assert!(squares < 1.2 * white, "{squares} of {white}");
+}
