@@ -11,6 +11,8 @@ pub(crate) const LEAST: usize = 100;
 /// of many points would be smoother than anything that the networks know from single views, and small steps and handles would stand out that
 /// they take for parts.
 const SHOWN: usize = 12_000;
+/// Most cells that a cloud is put into to look for walls.
+const MOST: usize = 24_000;
 /// Least distance that points are thinned to, m.
 const FINEST: f64 = 0.0025;
 
@@ -28,45 +30,106 @@ pub(crate) struct Thinned {
     pub(crate) finite: usize,
 }
 
+/// What an input is, before it is thinned.
+struct Input {
+    /// What lengths are multiplied by to get metres.
+    factor: f64,
+    /// Diagonal of most of it, m.
+    span: f64,
+    /// Number of points that are finite.
+    finite: usize,
+}
+
+/// Beyond this no arm reaches, whatever the unit.
+fn usable(p: &Point3<f64>) -> bool {
+    p.iter().all(|c| c.is_finite() && c.abs() < 1e6)
+}
+
+impl Input {
+    fn of(input: &[Point3<f64>]) -> Result<Self, ModellingError> {
+        let kept: Vec<Point3<f64>> = input.iter().copied().filter(usable).collect();
+        if kept.len() < LEAST {
+            return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: LEAST });
+        }
+        let span = spread(&kept);
+        // Furniture is 0.1 to 10 m across. What is a hundred times that is in millimetres.
+        let factor = if span > 100.0 { 1e-3 } else { 1.0 };
+        let span = span * factor;
+        if !(0.02..=100.0).contains(&span) {
+            return Err(match span < 1e-9 {
+                true => ModellingError::Flat { shape: "in one place" },
+                false => ModellingError::Size { diagonal: span },
+            });
+        }
+        flat(&kept)?;
+        Ok(Self { factor, span, finite: kept.len() })
+    }
+
+    fn cell(&self) -> f64 {
+        (self.span / 400.0).max(FINEST)
+    }
+}
+
 /// Thins a cloud, and finds its unit.
 ///
 /// Errors: too few points, all in a plane or on a line, an impossible size.
 pub(crate) fn thin(input: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
-    // Beyond this no arm reaches, whatever the unit.
-    let usable = |p: &Point3<f64>| p.iter().all(|c| c.is_finite() && c.abs() < 1e6);
-    let kept: Vec<Point3<f64>> = input.iter().copied().filter(usable).collect();
-    if kept.len() < LEAST {
-        return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: LEAST });
-    }
-    let span = spread(&kept);
-    // Furniture is 0.1 to 10 m across. What is a hundred times that is in millimetres.
-    let factor = if span > 100.0 { 1e-3 } else { 1.0 };
-    let span = span * factor;
-    if !(0.02..=100.0).contains(&span) {
-        return Err(match span < 1e-9 {
-            true => ModellingError::Flat { shape: "in one place" },
-            false => ModellingError::Size { diagonal: span },
-        });
-    }
-    flat(&kept)?;
-    let cell = (span / 400.0).max(FINEST);
-    let last = last_shown(input, &usable, kept.len());
+    let all = Input::of(input)?;
+    let cell = all.cell();
+    let last = last_shown(input, all.finite);
     let shown = |i: usize, p: &Point3<f64>| usable(p) && last.is_none_or(|last| shuffled(i as u32) <= last);
-    let (points, mut of_input) = spread_out(input, &shown, factor, cell);
+    let (points, mut of_input) = spread_out(input, &shown, all.factor, cell);
     if last.is_some() {
         let grid = Grid::new(&points, cell * FOLLOWS);
         for (i, p) in input.iter().enumerate().filter(|(i, p)| usable(p) && !shown(*i, p)) {
-            of_input[i] = grid.nearest(&(p * factor), cell * FOLLOWS).map(|k| k as u32);
+            of_input[i] = grid.nearest(&(p * all.factor), cell * FOLLOWS).map(|k| k as u32);
         }
     }
-    Ok(Thinned { points, cell, of_input, factor, finite: kept.len() })
+    Ok(Thinned { points, cell, of_input, factor: all.factor, finite: all.finite })
+}
+
+/// The means of all points by cells of a grid: more of them than [`thin`] looks at, for what is large and far.
+///
+/// Errors: as [`thin`].
+pub(crate) fn in_cells(input: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
+    let all = Input::of(input)?;
+    let mut size = all.cell();
+    loop {
+        let mut cells: Cells<u32> = Cells::default();
+        let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
+        let mut of_input = Vec::with_capacity(input.len());
+        for p in input {
+            of_input.push(usable(p).then(|| add(&mut cells, &mut sums, &(p * all.factor), size)));
+            if sums.len() > MOST {
+                break;
+            }
+        }
+        if sums.len() <= MOST {
+            let points = sums.iter().map(|(sum, n)| Point3::from(sum / *n)).collect();
+            return Ok(Thinned { points, cell: size, of_input, factor: all.factor, finite: all.finite });
+        }
+        size *= 1.25;
+    }
+}
+
+/// Adds a point to the sum in its cell, and says which that is.
+fn add(cells: &mut Cells<u32>, sums: &mut Vec<(Vector3<f64>, f64)>, p: &Point3<f64>, size: f64) -> u32 {
+    let index = *cells.entry(cell(p, size)).or_insert(sums.len() as u32);
+    match sums.get_mut(index as usize) {
+        Some(sum) => {
+            sum.0 += p.coords;
+            sum.1 += 1.0;
+        }
+        None => sums.push((p.coords, 1.0)),
+    }
+    index
 }
 
 /// Points that were not looked at are taken for what the nearest that was is, if it is not farther than so many cells.
 const FOLLOWS: f64 = 8.0;
 
 /// Of more usable points than are shown, the mixed number of the last that is.
-fn last_shown(input: &[Point3<f64>], usable: &impl Fn(&Point3<f64>) -> bool, all: usize) -> Option<u64> {
+fn last_shown(input: &[Point3<f64>], all: usize) -> Option<u64> {
     if all <= SHOWN {
         return None;
     }
@@ -93,24 +156,9 @@ fn spread_out(
     // What is dense beyond need is put together first.
     let mut cells: Cells<u32> = Cells::default();
     let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
-    let of_input: Vec<Option<u32>> = input
-        .iter()
-        .enumerate()
-        .map(|(i, p)| {
-            shown(i, p).then(|| {
-                let p = p * factor;
-                let index = *cells.entry(cell(&p, size / FINER)).or_insert(sums.len() as u32);
-                match sums.get_mut(index as usize) {
-                    Some(sum) => {
-                        sum.0 += p.coords;
-                        sum.1 += 1.0;
-                    }
-                    None => sums.push((p.coords, 1.0)),
-                }
-                index
-            })
-        })
-        .collect();
+    let finer = size / FINER;
+    let put = |(i, p): (usize, &Point3<f64>)| shown(i, p).then(|| add(&mut cells, &mut sums, &(p * factor), finer));
+    let of_input: Vec<Option<u32>> = input.iter().enumerate().map(put).collect();
     let fine: Vec<Point3<f64>> = sums.iter().map(|(sum, n)| Point3::from(sum / *n)).collect();
     let apart = APART * size;
     let grid = Grid::new(&fine, apart);

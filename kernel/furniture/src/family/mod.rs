@@ -91,6 +91,8 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Storage, "open_shelves", storage::open_shelves),
     known(Category::Storage, "tall_unit", storage::tall_unit),
     known(Category::Storage, "sliding_fronts", storage::sliding_fronts),
+    known(Category::Storage, "stout_drawers", storage::stout_drawers),
+    known(Category::Storage, "panel_before_case", storage::panel_before_case),
     held_out(Category::Storage, "sideboard", storage::sideboard),
     held_out(Category::Storage, "nightstand", storage::nightstand),
     held_out(Category::Storage, "shoe_cabinet", storage::shoe_cabinet),
