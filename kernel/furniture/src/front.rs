@@ -104,6 +104,20 @@ pub(crate) enum Edge {
     Top,
 }
 
+/// The box behind a drawer's front, m.
+#[derive(Clone, Copy)]
+struct Tray {
+    /// How far it reaches back.
+    deep: f64,
+    /// Thickness of its walls.
+    wall: f64,
+    /// Free space at its sides and below it.
+    inset: f64,
+    below: f64,
+    /// Height of its walls, as a share of what is there.
+    high: f64,
+}
+
 /// An object while it is made.
 pub(crate) struct Builder<'r> {
     pub(crate) random: &'r mut Random,
@@ -286,6 +300,33 @@ impl<'r> Builder<'r> {
 
     /// A drawer with its box.
     pub(crate) fn drawer(&mut self, cell: &Cell) {
+        let front = self.drawer_front(cell);
+        let deep = cell.depth * self.random.between(0.75, 0.95);
+        let tray = Tray {
+            deep,
+            wall: self.random.between(0.006, 0.014),
+            inset: self.random.between(0.012, 0.025).min(0.2 * cell.width()),
+            below: 0.012_f64.min(0.2 * cell.height()),
+            high: self.random.between(0.45, 0.85),
+        };
+        self.slide_out(cell, front, &tray);
+    }
+
+    /// A drawer whose sides are stout and may be as high and as far apart as its front.
+    pub(crate) fn stout_drawer(&mut self, cell: &Cell) {
+        let front = self.drawer_front(cell);
+        let (w, h) = (cell.width(), cell.height());
+        let tray = Tray {
+            deep: cell.depth * self.random.between(0.6, 0.97),
+            wall: self.random.between(0.006, 0.022).min(0.15 * w),
+            inset: (self.style.gap + self.random.between(0.0, 0.015)).min(0.2 * w),
+            below: self.style.gap + self.random.between(0.0, 0.15) * h,
+            high: self.random.between(0.4, 0.98),
+        };
+        self.slide_out(cell, front, &tray);
+    }
+
+    fn drawer_front(&mut self, cell: &Cell) -> Vec<Solid> {
         let handle = self.style.drawer_handle;
         let mut all = self.panel(cell, Edge::Top, handle, None);
         let mid = [(cell.y[0] + cell.y[1]) / 2.0, (cell.z[0] + cell.z[1]) / 2.0];
@@ -296,12 +337,15 @@ impl<'r> Builder<'r> {
             let at = [mid[0] + side * w, mid[1] + up];
             all.extend(solids(handle, &Seat { x, at, upright: false, edge: w, toward: 1.0 }));
         }
-        let deep = cell.depth * self.random.between(0.75, 0.95);
+        all
+    }
+
+    fn slide_out(&mut self, cell: &Cell, mut all: Vec<Solid>, tray: &Tray) {
+        let Tray { deep, wall, .. } = *tray;
         let x0 = self.panel_x(cell)[0];
-        let (wall, in_y) = (self.random.between(0.006, 0.014), self.random.between(0.012, 0.025).min(0.2 * w));
-        let (y0, y1) = (cell.y[0] + in_y, cell.y[1] - in_y);
-        let z0 = cell.z[0] + 0.012_f64.min(0.2 * h);
-        let z1 = z0 + (cell.z[1] - z0) * self.random.between(0.45, 0.85);
+        let (y0, y1) = (cell.y[0] + tray.inset, cell.y[1] - tray.inset);
+        let z0 = cell.z[0] + tray.below;
+        let z1 = z0 + (cell.z[1] - z0) * tray.high;
         all.push(Solid::between([x0 - deep, y0, z0], [x0, y1, z0 + wall]));
         all.push(Solid::between([x0 - deep, y0, z0], [x0, y0 + wall, z1]));
         all.push(Solid::between([x0 - deep, y1 - wall, z0], [x0, y1, z1]));
@@ -310,6 +354,7 @@ impl<'r> Builder<'r> {
             all.extend(crate::carcass::contents([x0 - deep + wall, y0 + wall, z0 + wall], [x0, y1 - wall, z1], self.random));
         }
         let upper = deep * self.random.between(0.7, 0.95);
+        let mid = [(cell.y[0] + cell.y[1]) / 2.0, (cell.z[0] + cell.z[1]) / 2.0];
         self.hang(Class::Drawer, all, Kind::Prismatic, Vector3::x(), [x0, mid[0], mid[1]], upper);
     }
 

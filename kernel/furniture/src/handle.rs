@@ -59,8 +59,8 @@ impl Handle {
     pub(crate) fn stout(random: &mut Random) -> Self {
         Self::Bar {
             share: random.between(0.4, 0.92),
-            radius: random.between(0.007, 0.018),
-            off: random.between(0.03, 0.065),
+            radius: random.between(0.007, 0.024),
+            off: random.between(0.03, 0.09),
             round: random.chance(0.5),
         }
     }

@@ -46,11 +46,14 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
-    let surface = Surface::of(&thinned);
-    let Some(before) = background::before_walls(&thinned, &surface.local) else { return look_at(input, thinned, surface, notes) };
+    let cells = prepare::in_cells(input)?;
+    let Some(before) = background::before_walls(&cells, &Surface::of(&cells).local) else {
+        let surface = Surface::of(&thinned);
+        return look_at(input, thinned, surface, notes);
+    };
     notes.push("a wall behind the object was left out".to_owned());
-    // Once more without the walls: what is left may be much smaller.
-    let usable = |i: usize| thinned.of_input[i].is_some_and(|k| before[k as usize]);
+    // What is left may be much smaller.
+    let usable = |i: usize| cells.of_input[i].is_some_and(|k| before[k as usize]);
     let nowhere = Point3::from(nalgebra::Vector3::repeat(f64::NAN));
     let left: Vec<Point3<f64>> = (0..input.len()).map(|i| if usable(i) { input[i] * thinned.factor } else { nowhere }).collect();
     let thinner = prepare::thin(&left)?;

@@ -10,9 +10,13 @@ use crate::posed::Posed;
 /// Number of candidates: slides along x, y, -y, z; hinges along z, y, x at two ends.
 pub(crate) const COUNT: usize = 10;
 /// Features of one.
-pub(crate) const FEATURES: usize = 42;
+pub(crate) const FEATURES: usize = 54;
 /// What a residual is measured in, m.
 pub(crate) const RESIDUAL: f64 = 0.05;
+/// Most that a residual may be, in its own measure: a hinge behind what hides it is far from all that is seen of the part.
+pub const FARTHEST: f64 = 8.0;
+/// How much of a panel's end is looked at for a lip or a notch, m.
+const STRIP: f64 = 0.035;
 
 /// One candidate, in K.
 #[derive(Debug, Clone)]
@@ -183,6 +187,39 @@ pub(crate) fn handle(posed: &Posed<'_>, part: &[usize]) -> Option<Handle> {
     Some(Handle { from: at(long.0), to: at(long.1), radius, outward, off })
 }
 
+/// Least and greatest corner of the rest of the object, its front at its face.
+fn edges(posed: &Posed<'_>, rest: &[Point3<f64>]) -> [Point3<f64>; 2] {
+    let end = |k: usize, share: f64, otherwise: f64| match rest.is_empty() {
+        true => otherwise,
+        false => quantile(&mut rest.iter().map(|p| p[k]).collect::<Vec<_>>(), share),
+    };
+    let low = Point3::from(Vector3::from_fn(|k, _| end(k, 0.01, posed.low[k])));
+    let high = Point3::from(Vector3::from_fn(|k, _| if k == 0 { posed.face } else { end(k, 0.99, posed.high[k]) }));
+    [low, high]
+}
+
+/// How far the strip along an end of a panel lies behind the panel, and how far before it, in cm: the least and the greatest tenth.
+fn profile(
+    posed: &Posed<'_>,
+    end: &Point3<f64>,
+    inward: &Vector3<f64>,
+    k: usize,
+    reach: (f64, f64),
+    (outward, panel): (&Vector3<f64>, f64),
+) -> [f64; 2] {
+    let mut off: Vec<f64> = posed
+        .points
+        .iter()
+        .filter(|p| p[k] > reach.0 && p[k] < reach.1 && (0.0..STRIP).contains(&(*p - end).dot(inward)))
+        .map(|p| p.coords.dot(outward) - panel)
+        .filter(|d| d.abs() < 0.06)
+        .collect();
+    match off.len() {
+        0..8 => [0.0; 2],
+        _ => [quantile(&mut off, 0.1) * 100.0, quantile(&mut off, 0.9) * 100.0],
+    }
+}
+
 /// Most points of the rest of the object that distances are taken to.
 const REST: usize = 3000;
 
@@ -194,8 +231,9 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
     let rest: Vec<Point3<f64>> = rest.iter().step_by(rest.len() / REST + 1).map(|i| posed.points[*i]).collect();
     let size = posed.high - posed.low;
     let diagonal = posed.diagonal();
+    let edges = edges(posed, &rest);
     let from_rest = |p: &Point3<f64>| rest.iter().map(|q| (q - p).norm_squared()).fold(0.09, f64::min).sqrt();
-    let Proud { points: proud, .. } = proud(posed, part, &s);
+    let Proud { points: proud, outward, panel } = proud(posed, part, &s);
     let grip = (proud.len() >= 5).then(|| {
         let mean = proud.iter().map(|p| p.coords).sum::<Vector3<f64>>() / proud.len() as f64;
         let spread = proud.iter().map(|p| (p.coords - mean).map(|x| x * x)).sum::<Vector3<f64>>() / proud.len() as f64;
@@ -321,7 +359,18 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
                 }
                 None => own.extend([0.0, 0.5, 0.5, 0.5]),
             }
+            // Lips and notches at either end.
+            let reach = (s.low[k].max(posed.low[k]), s.high[k].min(posed.high[k]));
+            for (p, inward) in [(&origin, along), (&other, -along)] {
+                own.extend(if has_stroke { profile(posed, p, &inward, k, reach, (&outward, panel)) } else { [0.0; 2] });
+            }
             let c = Candidate { slides: false, axis, origin, along, across: lift(across * sign, 0.0), length, features: Vec::new() };
+            // Where the rest of the object ends, seen from here: a hinge that is hidden is at an edge of it, most likely.
+            for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let mut corner = origin;
+                (corner[i], corner[j]) = (edges[a][i], edges[b][j]);
+                own.extend(c.residual(&corner).map(|x| x * RESIDUAL * 5.0));
+            }
             push(&mut all, c, &own);
         }
     }

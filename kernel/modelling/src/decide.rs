@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::ModellingError;
 use crate::analysis::Analysis;
-use crate::candidate::{Candidate, Handle, handle};
+use crate::candidate::{Candidate, FARTHEST, Handle, handle};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
@@ -246,7 +246,7 @@ fn moving_part(
         .iter()
         .enumerate()
         .map(|(c, candidate)| {
-            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-4.0, 4.0));
+            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-FARTHEST, FARTHEST));
             motion(side, pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
         })
         .collect();

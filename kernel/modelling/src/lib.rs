@@ -37,6 +37,7 @@ mod superpoint;
 mod wall;
 
 pub use analysis::{Analysis, analyse};
+pub use candidate::FARTHEST;
 pub use decide::PartClass;
 pub use error::ModellingError;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};

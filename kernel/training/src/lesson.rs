@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
-use sagci_modelling::{Side, analyse, touching};
+use sagci_modelling::{FARTHEST, Side, analyse, touching};
 
 /// The network's inputs for one side.
 pub struct Inputs {
@@ -163,7 +163,7 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
             let slides = joint.kind == Kind::Prismatic;
             if let Some((candidate, residual)) = front.target(&options, k, slides, &axis, &origin) {
                 kept.push(parts[k].clone());
-                let residual = (!slides).then(|| residual.map(|x| x.clamp(-4.0, 4.0) as f32));
+                let residual = (!slides).then(|| residual.map(|x| x.clamp(-FARTHEST, FARTHEST) as f32));
                 joints.push(JointTruth { candidate, residual });
             }
         }

@@ -71,10 +71,14 @@ pub fn train(
     log: &mut dyn FnMut(&str, &Weights),
 ) -> Result<Weights, TrainingError> {
     let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
-    let mut weights = match from {
-        Some(from) => from.matrices.clone(),
-        None => loss::first_weights(settings.seed, first)?,
-    };
+    let mut weights = loss::first_weights(settings.seed, first)?;
+    if let Some(from) = from {
+        for (name, to) in &mut weights {
+            if let Some(known) = from.matrices.get(name) {
+                widen(to, known);
+            }
+        }
+    }
     // What made the weights that it went on from, as they say it themselves.
     let before: Option<serde_json::Value> = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?;
     let batch = settings.batch.max(1);
@@ -125,6 +129,14 @@ pub fn train(
         log(&line, &made);
     }
     Ok(made)
+}
+
+/// Takes over what is known. Inputs that the network did not have then come last, and begin without weight: it answers as it did.
+fn widen(to: &mut Matrix, known: &Matrix) {
+    if known.ncols() == to.ncols() && known.nrows() <= to.nrows() {
+        to.fill(0.0);
+        to.rows_mut(0, known.nrows()).copy_from(known);
+    }
 }
 
 /// The loss on lessons, nothing learned.

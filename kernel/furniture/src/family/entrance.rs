@@ -54,7 +54,7 @@ impl Frame {
     }
 }
 
-fn room_handle(b: &mut Builder<'_>) -> Handle {
+pub(super) fn room_handle(b: &mut Builder<'_>) -> Handle {
     match b.random.index(6) {
         0..=2 => Handle::Lever { length: b.random.between(0.09, 0.14), off: b.random.between(0.04, 0.06) },
         3 => Handle::Knob { radius: b.random.between(0.022, 0.032), length: b.random.between(0.05, 0.07) },
@@ -68,7 +68,7 @@ fn room_handle(b: &mut Builder<'_>) -> Handle {
     }
 }
 
-fn leaf(b: &mut Builder<'_>, cell: &Cell, hinge: Edge, handle: Handle) {
+pub(super) fn leaf(b: &mut Builder<'_>, cell: &Cell, hinge: Edge, handle: Handle) {
     b.style.height = 0.5;
     b.style.pane = b.random.chance(0.15).then(|| [b.random.between(0.1, 0.15), b.random.between(0.005, 0.015), b.random.between(0.0, 0.3)]);
     let upper = b.random.between(1.5, 2.2);
@@ -141,7 +141,7 @@ fn pane(b: &mut Builder<'_>, x: f64, y: [f64; 2], z: [f64; 2]) -> Vec<Solid> {
 }
 
 /// Four bars about a hole, as of a window: its half width, from and to along z, half depth and bar.
-fn window(b: &mut Builder<'_>) -> ([f64; 2], [f64; 2], f64) {
+pub(super) fn window(b: &mut Builder<'_>) -> ([f64; 2], [f64; 2], f64) {
     let r = &mut b.random;
     let (y, low, high) = (r.scale(0.12, 0.7), r.pick([0.02, 0.05, 0.5]), r.scale(0.35, 1.3));
     let (x, bar) = (r.between(0.03, 0.07), r.between(0.02, 0.06));

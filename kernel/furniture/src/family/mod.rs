@@ -4,6 +4,7 @@ mod chest;
 mod cold;
 mod entrance;
 mod kitchen;
+mod passage;
 mod still;
 mod storage;
 
@@ -58,6 +59,10 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Door, "hatch_over_counter", entrance::hatch_over_counter),
     known(Category::Door, "sash_window", entrance::sash_window),
     known(Category::Door, "sliding_panes", entrance::sliding_panes),
+    known(Category::Door, "gate", passage::gate),
+    known(Category::Door, "casement", passage::casement),
+    known(Category::Door, "wall_hatch", passage::wall_hatch),
+    known(Category::Door, "stalls", passage::stalls),
     held_out(Category::Door, "with_sidelight", entrance::with_sidelight),
     held_out(Category::Door, "stable_door", entrance::stable_door),
     known(Category::Microwave, "side_door_with_panel", kitchen::side_door_with_panel),
@@ -86,6 +91,8 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Storage, "open_shelves", storage::open_shelves),
     known(Category::Storage, "tall_unit", storage::tall_unit),
     known(Category::Storage, "sliding_fronts", storage::sliding_fronts),
+    known(Category::Storage, "stout_drawers", storage::stout_drawers),
+    known(Category::Storage, "panel_before_case", storage::panel_before_case),
     held_out(Category::Storage, "sideboard", storage::sideboard),
     held_out(Category::Storage, "nightstand", storage::nightstand),
     held_out(Category::Storage, "shoe_cabinet", storage::shoe_cabinet),

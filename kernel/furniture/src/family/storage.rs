@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::carcass::{Carcass, contents};
 use crate::front::{Builder, Cell, Edge};
-use crate::handle::{Seat, solids};
+use crate::handle::{Handle, Seat, solids};
 use crate::object::{Class, Kind, Solid};
 
 fn cabinet(b: &mut Builder<'_>, width: [f64; 2], depth: [f64; 2], height: [f64; 2], legs: bool) -> Carcass {
@@ -285,6 +285,74 @@ pub(super) fn sliding_fronts(b: &mut Builder<'_>) {
         let upper = w * b.random.between(0.7, 0.97);
         b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [face, (own[0] + own[1]) / 2.0, (z[0] + z[1]) / 2.0], upper);
     }
+}
+
+/// A few drawers in stout boards, as wide as a letter tray or a workbench; part of it may stay open.
+pub(super) fn stout_drawers(b: &mut Builder<'_>) {
+    b.style.drawer_handle = if b.random.chance(0.6) { Handle::stout(b.random) } else { b.style.drawer_handle };
+    b.style.proud = b.random.chance(0.35);
+    let width = b.random.scale(0.18, 0.9);
+    let (depth, height) = (width * b.random.between(0.5, 1.3), width * b.random.between(0.3, 1.1));
+    let board = (width * b.random.between(0.03, 0.12)).clamp(0.008, 0.05);
+    let c = Carcass { width, depth, bottom: 0.0, top: height, board };
+    b.style.thick = b.random.between(0.6, 1.3) * board.max(0.012);
+    b.body.extend(c.boards());
+    let cell = Cell { depth: depth - board, ..front(b, &c) };
+    let part = match b.random.index(4) {
+        0 => {
+            let share = b.random.between(0.25, 0.75);
+            let boards = b.random.chance(0.7);
+            let both = rows(b, &c, &cell, &[share, 1.0 - share], boards);
+            both[b.random.index(2)]
+        }
+        _ => cell,
+    };
+    let n = 1 + b.random.index(((part.height() / (0.2 * width)) as usize).clamp(1, 3));
+    let even = vec![1.0 / n as f64; n];
+    let boards = !b.style.proud && b.random.chance(0.7);
+    for row in rows(b, &c, &part, &even, boards) {
+        let columns = if row.width() > 2.0 * row.height() && b.random.chance(0.25) { row.columns(&[0.5, 0.5]) } else { vec![row] };
+        for place in columns {
+            b.stout_drawer(&place);
+        }
+    }
+}
+
+/// A stout panel that slides sideways before a case: half of the case is open, or both halves are, or the other is a solid block.
+pub(super) fn panel_before_case(b: &mut Builder<'_>) {
+    let width = b.random.scale(0.4, 1.6);
+    let (depth, height) = (b.random.between(0.25, 0.65), width * b.random.between(0.3, 1.2));
+    let board = b.random.between(0.012, 0.05);
+    let c = Carcass { width, depth, bottom: b.random.pick([0.0, 0.0, 0.1]), top: height, board };
+    b.body.extend(c.boards());
+    b.body.extend(c.support(b.random));
+    let (x, y) = (depth / 2.0, width / 2.0);
+    let left = b.random.chance(0.5);
+    let share = b.random.between(0.35, 0.6) * width;
+    let own = if left { [y - share, y] } else { [-y, share - y] };
+    let rest = if left { [-y, y - share] } else { [share - y, y] };
+    match b.random.index(3) {
+        0 => b.body.push(Solid::between([-x, rest[0], c.bottom], [x, rest[1], c.top])),
+        1 => b.body.push(Solid::between([x - board, rest[0], c.bottom], [x, rest[1], c.top])),
+        _ => {}
+    }
+    if b.random.chance(0.5) {
+        b.body.push(c.divider(if left { own[0] } else { own[1] }, c.bottom, c.top));
+    }
+    let inside = Cell { x, y: own, z: [c.bottom + board, c.top - board], depth: 0.0 };
+    fill(b, &c, &inside);
+    let thick = b.random.between(0.012, 0.065);
+    let gap = b.random.between(0.001, 0.02);
+    let (over, face) = (b.random.between(-0.03, 0.01), x + gap + thick);
+    let z = [c.bottom - over.min(c.bottom), c.top + over];
+    let mut all = vec![Solid::between([x + gap, own[0], z[0]], [face, own[1], z[1]])];
+    let handle = if b.random.chance(0.6) { Handle::stout(b.random) } else { b.style.door_handle };
+    let inward = share * b.random.between(0.08, 0.5);
+    let side = if b.random.chance(0.7) == left { own[1] - inward } else { own[0] + inward };
+    all.extend(solids(handle, &Seat { x: face, at: [side, (z[0] + z[1]) / 2.0], upright: true, edge: z[1] - z[0], toward: 1.0 }));
+    let upper = (width - share).min(share) * b.random.between(0.7, 1.0);
+    let toward = if left { -1.0 } else { 1.0 };
+    b.hang(Class::Door, all, Kind::Prismatic, Vector3::y() * toward, [face, (own[0] + own[1]) / 2.0, (z[0] + z[1]) / 2.0], upper);
 }
 
 pub(super) fn sideboard(b: &mut Builder<'_>) {
