@@ -214,23 +214,25 @@ pub(crate) struct Question<'a> {
     pub confirms: bool,
 }
 
-/// What the answer leaves open, if anything.
-pub(crate) fn question<'a>(search: &Search<'_>, chosen: &'a [Choice], current: &'a Fit, confirmed: &[bool]) -> Option<Question<'a>> {
-    if let Some(open) = chosen.iter().find(|c| c.alike.len() > 1 || !c.equivalent.is_empty()) {
-        let rivals = open.alike[1..].iter().map(|c| (c.effect, c.fit.clone())).collect();
-        return Some(Question {
+/// What the answer leaves open: sets of names, then what no other data confirm. A later one is asked where no motion answers the earlier ones.
+pub(crate) fn questions<'a>(search: &Search<'_>, chosen: &'a [Choice], current: &'a Fit, confirmed: &[bool]) -> Vec<Question<'a>> {
+    let open = chosen.iter().filter(|c| c.alike.len() > 1 || !c.equivalent.is_empty());
+    let mut all: Vec<Question<'_>> = open
+        .map(|open| Question {
             equivalent: open.equivalent,
             joint: open.best.joint.unwrap_or(0),
             named: (open.best.effect, &open.alike[0].fit),
-            rivals,
+            rivals: open.alike[1..].iter().map(|c| (c.effect, c.fit.clone())).collect(),
             confirms: false,
-        });
-    }
-    let at = confirmed.iter().position(|c| !c)?;
-    let (choice, entry) = (chosen.get(at)?, *entries(&current.hypothesis).get(at)?);
-    let joint = choice.best.joint.unwrap_or(0);
-    let without = current.without(&search.problem, entry).ok()?;
-    Some(Question { joint, named: (choice.best.effect, current), rivals: vec![("", without)], equivalent: &[], confirms: true })
+        })
+        .collect();
+    let entries = entries(&current.hypothesis);
+    all.extend(chosen.iter().zip(entries).zip(confirmed).filter(|(_, confirmed)| !**confirmed).filter_map(|((choice, entry), _)| {
+        let joint = choice.best.joint.unwrap_or(0);
+        let without = current.without(&search.problem, entry).ok()?;
+        Some(Question { joint, named: (choice.best.effect, current), rivals: vec![("", without)], equivalent: &[], confirms: true })
+    }));
+    all
 }
 
 /// Proposes an experiment for a question.

@@ -348,7 +348,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let agreed: Vec<bool> = effects_found.iter().map(|e| e.confirmed).collect();
     let next = match &unexplained {
         Some(left) => experiment::propose_for_nameless(&search, model, left),
-        None => experiment::question(&search, &chosen, &current, &agreed).and_then(|q| experiment::propose(&search, &q, scale)),
+        None => experiment::questions(&search, &chosen, &current, &agreed).iter().find_map(|q| experiment::propose(&search, q, scale)),
     };
     let next_experiment = next.map(|e| e.told_to(&model.name, &train, &held_out));
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);
