@@ -27,6 +27,8 @@ pub(crate) struct JointView {
     pub duration: f64,
     /// Usual sample time, s.
     pub period: f64,
+    /// Gravity acts on it.
+    pub hangs: bool,
     /// Mass of what the joint moves, kg, and where it is in the link's frame, m.
     pub mass: f64,
     pub p_LoLcm: [f64; 3],
@@ -117,10 +119,11 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             each(&|limit| vec![limit.max(1e-6)], &limits)
         }
         "payload" => {
-            // Where the link has its mass, and as far from there to all sides of the axis.
+            // Where the link has its mass, and, where gravity tells, as far from there to all sides of the axis.
             let center = nalgebra::Vector3::from(view.p_LoLcm);
             let reach = center.norm().max(0.05);
             let around = across(view.axis).into_iter().flat_map(|d| [center + reach * d, center - reach * d]);
+            let around = around.filter(|_| view.hangs);
             std::iter::once(center).chain(around).map(|p| vec![0.2 * view.mass, p.x, p.y, p.z]).collect()
         }
         "joint_axis_error" => across(view.axis).iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect(),

@@ -23,6 +23,7 @@ fn view() -> JointView {
         cycles: Vec::new(),
         duration: 10.0,
         period: 0.005,
+        hangs: true,
         mass: 0.3,
         p_LoLcm: [0.15, 0.0, 0.0],
         axis: [0.0, -1.0, 0.0],

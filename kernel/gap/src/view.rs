@@ -12,6 +12,9 @@ use crate::starts::JointView;
 use crate::trajectory::Trajectory;
 
 const BINS: usize = 40;
+/// Gravity, m/s^2, and the share of the most that it can do to a link from which on it counts.
+const GRAVITY: f64 = 9.81;
+const FELT: f64 = 0.05;
 
 /// Mean lacking force in bins of position, by the sign of the velocity.
 fn means(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<[f64; 2]> {
@@ -120,6 +123,8 @@ impl Search<'_> {
         let mut efforts: Vec<f64> = efforts.map(|u| u.abs()).collect();
         efforts.sort_by(f64::total_cmp);
         let p = link.p_LoLcm;
+        let loads = || runs.iter().flat_map(|r| r.load.iter().skip(j).step_by(self.names.len())).filter(|l| l.is_finite());
+        let load = (loads().map(|l| l * l).sum::<f64>() / loads().count().max(1) as f64).sqrt();
         JointView {
             force: binned(&rows, low, high).max(1e-6),
             speed: rms(2),
@@ -131,6 +136,7 @@ impl Search<'_> {
             cycles: cycles(&rows, low, high),
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
             period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
+            hangs: load > FELT * GRAVITY * link.mass * p.coords.norm(),
             mass: link.mass,
             p_LoLcm: [p.x, p.y, p.z],
             axis: [joint.axis.x, joint.axis.y, joint.axis.z],
