@@ -18,7 +18,7 @@ use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Candidate, Search, entries};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Trajectory, going_on};
 use crate::unseen::{Unseen, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
 
@@ -62,8 +62,6 @@ pub struct Found {
 
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
-/// Share of the errors' scale below which what is left is fitted anew.
-const COARSE: f64 = 1.0 / 3.0;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
 /// How many times its noise floor a gap is that cannot be smaller, and the evidence that a force without a name needs there.
@@ -90,7 +88,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     // What holds for all recordings is said once.
     let mut said = BTreeSet::new();
     notes.retain(|n| said.insert(n.clone()));
-    let (train, held_out) = set_aside(train, held_out, &mut notes);
+    let (train, held_out) = (going_on(train), going_on(held_out));
+    let (train, held_out) = set_aside(&train, &held_out, &mut notes);
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let mut search = Search::new(model, &trajectories)?;
@@ -114,14 +113,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let mut candidates = search.stage(&current, scale)?;
         let Some(first) = candidates.first() else { break };
         let mut next = search.scale(&first.fit);
-        // Fits that ended among errors so much larger than those that are left have not ended.
-        if next < COARSE * scale {
-            let before = search.evidence(&current, scale);
-            candidates = search.weigh_anew(&current, candidates, before, next);
-            search.rank(&mut candidates, next);
-        }
-        let Some(first) = candidates.first() else { break };
-        next = next.min(search.scale(&first.fit));
         if let Some(noise) = search.likelier_noise(&first.fit)? {
             let before = search.evidence(&current, scale);
             search = search.with_noise(noise);

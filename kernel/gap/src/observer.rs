@@ -181,8 +181,7 @@ pub(crate) struct Run {
 }
 
 /// Runs a plant along a trajectory. `errors` gets one normalised prediction error by row and joint, zero where nothing was measured.
-/// Inner states start at zero, unless the trajectory goes on where the one before it ended: then they are those of `motion`, and so is the
-/// time where that one ended.
+/// Inner states start at zero, unless the trajectory goes on where the one before it ended: then they are those of `motion`.
 pub(crate) fn run(
     plant: &Plant,
     trajectory: &Trajectory,
@@ -192,7 +191,7 @@ pub(crate) fn run(
     mut record: Option<&mut Run>,
 ) -> Result<(), GapError> {
     let n = trajectory.joints;
-    if trajectory.begins_anew(motion.state.time) {
+    if !trajectory.continues {
         motion.state.z.fill(0.0);
     }
     for k in 0..trajectory.rows() {

@@ -68,10 +68,7 @@ impl Response {
     pub fn new(search: &Search<'_>, base: &Fit, runs: &[Run], joint: usize) -> Self {
         let n = search.names.len();
         let (mut rows, mut gains, mut inverse) = (Vec::new(), Vec::new(), Vec::new());
-        let mut end = f64::NEG_INFINITY;
         for (trajectory, run) in search.problem.trajectories.iter().zip(runs) {
-            let anew = trajectory.begins_anew(end);
-            end = trajectory.time.last().copied().unwrap_or(end);
             for k in 0..trajectory.rows() {
                 let i = k * n + joint;
                 let start = trajectory.starts.contains(&k);
@@ -85,7 +82,7 @@ impl Response {
                     load: if last { 0.0 } else { run.load[i + n] },
                     time: trajectory.time[k],
                     start,
-                    fresh: k == 0 && anew,
+                    fresh: k == 0 && !trajectory.continues,
                 });
                 inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
             }

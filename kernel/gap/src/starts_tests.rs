@@ -6,7 +6,7 @@ use crate::hypothesis::Hypothesis;
 use crate::search::Search;
 use crate::starts::{JointView, starts};
 use crate::tests::{door, swing, with};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Trajectory, going_on};
 
 /// The peaks of efforts that pushes make are a hundred times what acts most of the time.
 fn view() -> JointView {
@@ -74,17 +74,16 @@ fn a_seal_that_is_everywhere_stays_so_in_a_fit() {
 fn what_a_pause_let_go_is_not_carried_into_the_next_recording() {
     let cable = [("stiffness", 0.2), ("rest_position", 0.3), ("loop_force", 1.0), ("loop_length", 0.6), ("damping", 0.02)];
     let truth = with(&door(), "cable_hysteresis", &cable);
-    let trajectories: Vec<Trajectory> = [1, 2]
-        .map(|seed| {
-            let mut log = swing(&truth, 2e-5, seed);
-            let joint = &mut log.joints[0];
-            for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
-                series.time.iter_mut().for_each(|t| *t += 11.0 * (seed - 1) as f64);
-            }
-            log.continues = seed > 1;
-            Trajectory::new(&log, &door()).unwrap()
-        })
-        .to_vec();
+    let logs = [1, 2].map(|seed| {
+        let mut log = swing(&truth, 2e-5, seed);
+        let joint = &mut log.joints[0];
+        for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
+            series.time.iter_mut().for_each(|t| *t += 11.0 * (seed - 1) as f64);
+        }
+        log.continues = seed > 1;
+        log
+    });
+    let trajectories: Vec<Trajectory> = going_on(&logs).iter().map(|log| Trajectory::new(log, &door()).unwrap()).collect();
     let search = Search::new(&door(), &trajectories).unwrap();
     let values: Vec<f64> = cable.iter().map(|c| c.1).collect();
     let right = search.known(&door(), 1.0).unwrap().hypothesis.with("cable_hysteresis", Some("hinge"), &values).unwrap();

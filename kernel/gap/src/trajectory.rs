@@ -20,11 +20,32 @@ const CUT: (f64, f64) = (10.0, 0.1);
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
 /// some time.
 const BURN_IN: (usize, f64) = (10, 0.05);
+/// A joint was brought elsewhere if it is so much of its range from where it was.
+const ELSEWHERE: f64 = 0.05;
 /// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
 const REST: f64 = 0.2;
 const STILL: f64 = 1.5;
 /// It may be at rest where its velocity is less than so many times what the noise of its measured effort makes of one row.
 const STOPPED: f64 = 3.0;
+
+/// Recordings that go on from one another: not where a joint was brought elsewhere while nothing was recorded. What is bent stays so while its
+/// joint stays; over another way nobody knows it, and it has come to rest.
+pub(crate) fn going_on(logs: &[Log]) -> Vec<Log> {
+    let mut all = logs.to_vec();
+    for (i, log) in all.iter_mut().enumerate().skip(1) {
+        log.continues &= !was_brought(&logs[i - 1], &logs[i]);
+    }
+    all
+}
+
+fn was_brought(before: &Log, after: &Log) -> bool {
+    after.joints.iter().filter_map(|joint| Some((before.joint(&joint.name)?, joint))).any(|(before, after)| {
+        let seen = || after.position.value.iter().copied().filter(|y| y.is_finite());
+        let range = seen().fold(f64::MIN, f64::max) - seen().fold(f64::MAX, f64::min);
+        let ends = before.position.value.iter().rev().copied().find(|y| y.is_finite()).zip(seen().next());
+        ends.is_some_and(|(end, first)| (first - end).abs() > ELSEWHERE * range)
+    })
+}
 
 /// What moves a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -309,12 +330,6 @@ impl Trajectory {
             thinned.counted[start * n..(start + burnt) * n].fill(false);
         }
         (thinned, rows)
-    }
-
-    /// Do inner states begin anew with it, after data that ended at some time? Where nothing was recorded for a while nobody knows them, and
-    /// what was bent or pressed or under way has come to rest.
-    pub fn begins_anew(&self, end: f64) -> bool {
-        !self.continues || self.time[0] - end > (CUT.0 * self.period()).max(CUT.1)
     }
 
     /// Positions of one joint, NaN where nothing was measured.
