@@ -60,7 +60,7 @@ pub use joint::plane_axes;
 pub use linear::{cholesky, cholesky_solve, cholesky_solve_lower};
 pub use linearise::Linearisation;
 pub use measurement::MeasurementDerivatives;
-pub use multibody::{Base, JointId, JointInfo, LinkId, Multibody, Part};
+pub use multibody::{Base, GRAVITY, JointId, JointInfo, LinkId, Multibody, Part};
 pub use parameter::{ParameterId, ParameterKind, ParameterVector};
 pub use placed::{Cotangents, MultibodyMut, ParametersMut, Taken};
 pub use reverse::{NaturalGradient, StateCotangent, Wanted};

@@ -12,7 +12,7 @@ use crate::workspace::Lane;
 use crate::{DynamicsError, SpatialInertia, Workspace};
 
 /// Standard gravity downwards, m/s^2.
-pub(crate) const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
 /// One object model with its place in the world.
 #[derive(Debug, Clone)]

@@ -155,8 +155,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         // A force below what any model is off by needs no second name, where the likeliest alone says what the plainer one and it say.
         if let Some(mut instead) = passed.take().filter(|_| force < MATERIAL)
             && let Some(last) = chosen.last()
+            // One that cannot be simulated any more is out.
+            && let Ok(alone) = instead[0].fit.under(&search.problem)
         {
-            let alone = search.settle(&instead[0].fit.clone().under(&search.problem)?, scale);
+            let alone = search.settle(&alone, scale);
             if search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING {
                 say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
                 instead[0].fit = alone.clone();

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use nalgebra::Vector3;
+use sagci_recording::{JointLog, Log, Series};
 
 use crate::hypothesis::Hypothesis;
 use crate::search::Search;
@@ -92,4 +93,33 @@ fn what_a_pause_let_go_is_not_carried_into_the_next_recording() {
     let squares = search.problem.errors(&right, &x).unwrap().norm_squared();
     let white = search.problem.measured() as f64;
     assert!(squares < 1.2 * white, "{squares} of {white}");
+}
+
+/// One joint of an arm rests and shows its noise only, the other moves; and a recording is cut in two without a pause.
+#[test]
+fn noise_of_a_joint_that_rests_and_a_cut_end_no_session() {
+    let log = |from: f64, rests: f64| {
+        let series = |value: &dyn Fn(usize) -> f64| Series {
+            time: (0..400).map(|k| from + 0.005 * k as f64).collect(),
+            value: (0..400).map(value).collect(),
+        };
+        // No two rows alike, and none of them far from the middle: the golden ratio's multiples.
+        let noise = move |k: usize| 1e-3 * ((0.618_034 * (k as f64 + 7.0 * rests)).fract() - 0.5);
+        let joint = |name: &str, position| JointLog { name: name.into(), position, ..JointLog::default() };
+        let joints = vec![
+            joint("moves", series(&|k| (std::f64::consts::TAU * k as f64 / 400.0).sin())),
+            joint("rests", series(&move |k| noise(k) + f64::from(rests > 50.0))),
+        ];
+        Log { joints, continues: from > 0.0, ..Log::default() }
+    };
+    for rests in [1.0, 2.0, 3.0, 5.0, 8.0] {
+        assert!(going_on(&[log(0.0, 0.0), log(3.0, rests)])[1].continues, "noise alone ends a session");
+    }
+    assert!(!going_on(&[log(0.0, 0.0), log(3.0, 100.0)])[1].continues, "a joint was brought elsewhere");
+    let (whole, mut rest) = (log(0.0, 0.0), log(0.0, 0.0));
+    rest.joints[0].position.time.iter_mut().for_each(|t| *t += 2.0);
+    rest.joints[0].position.value.iter_mut().for_each(|q| *q += 0.3);
+    rest.joints[1].position.time.iter_mut().for_each(|t| *t += 2.0);
+    rest.continues = true;
+    assert!(going_on(&[whole, rest])[1].continues, "no time passed in which it was brought anywhere");
 }

@@ -20,7 +20,7 @@ const CUT: (f64, f64) = (10.0, 0.1);
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
 /// some time.
 const BURN_IN: (usize, f64) = (10, 0.05);
-/// A joint was brought elsewhere if it is so much of its range from where it was.
+/// A joint was brought elsewhere if it is so much of its range from where it was, and farther than it ever goes from one sample to the next.
 const ELSEWHERE: f64 = 0.05;
 /// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
 const REST: f64 = 0.2;
@@ -40,10 +40,18 @@ pub(crate) fn going_on(logs: &[Log]) -> Vec<Log> {
 
 fn was_brought(before: &Log, after: &Log) -> bool {
     after.joints.iter().filter_map(|joint| Some((before.joint(&joint.name)?, joint))).any(|(before, after)| {
-        let seen = || after.position.value.iter().copied().filter(|y| y.is_finite());
-        let range = seen().fold(f64::MIN, f64::max) - seen().fold(f64::MAX, f64::min);
-        let ends = before.position.value.iter().rev().copied().find(|y| y.is_finite()).zip(seen().next());
-        ends.is_some_and(|(end, first)| (first - end).abs() > ELSEWHERE * range)
+        let seen = |joint: &JointLog| -> Vec<(f64, f64)> {
+            let series = &joint.position;
+            series.time.iter().copied().zip(series.value.iter().copied()).filter(|(_, y)| y.is_finite()).collect()
+        };
+        let (before, after) = (seen(before), seen(after));
+        let (Some(end), Some(first)) = (before.last(), after.first()) else { return false };
+        let mut steps: Vec<f64> = after.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        steps.sort_by(f64::total_cmp);
+        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let (low, high) = after.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, y)| (low.min(*y), high.max(*y)));
+        let at_once = after.windows(2).filter(|w| w[1].0 - w[0].0 < 1.5 * usual).map(|w| (w[1].1 - w[0].1).abs()).fold(0.0, f64::max);
+        first.0 - end.0 > (CUT.0 * usual).max(CUT.1) && (first.1 - end.1).abs() > at_once.max(ELSEWHERE * (high - low))
     })
 }
 

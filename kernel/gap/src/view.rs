@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::DVector;
+use sagci_dynamics::GRAVITY;
 
 use crate::GapError;
 use crate::fit::Fit;
@@ -12,8 +13,7 @@ use crate::starts::JointView;
 use crate::trajectory::Trajectory;
 
 const BINS: usize = 40;
-/// Gravity, m/s^2, and the share of the most that it can do to a link from which on it counts.
-const GRAVITY: f64 = 9.81;
+/// The share of the most that gravity can do to a link from which on it counts.
 const FELT: f64 = 0.05;
 
 /// Mean lacking force in bins of position, by the sign of the velocity.
@@ -136,7 +136,7 @@ impl Search<'_> {
             cycles: cycles(&rows, low, high),
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
             period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
-            hangs: load > FELT * GRAVITY * link.mass * p.coords.norm(),
+            hangs: load > FELT * GRAVITY.norm() * link.mass * p.coords.norm(),
             mass: link.mass,
             p_LoLcm: [p.x, p.y, p.z],
             axis: [joint.axis.x, joint.axis.y, joint.axis.z],

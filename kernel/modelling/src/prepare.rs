@@ -276,7 +276,6 @@ mod tests {
             let counts = stripes(degrees);
             let mean = counts.iter().sum::<f64>() / counts.len() as f64;
             let deviation = (counts.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / counts.len() as f64).sqrt();
-            println!("{degrees} {mean} {deviation}");
             assert!((80.0..130.0).contains(&mean), "{mean} a stripe at {degrees} degrees");
             // Drawn without regard to one another they would differ by the root of their mean: a tenth.
             assert!(deviation < 0.08 * mean, "{mean} a stripe, give or take {deviation}, at {degrees} degrees");
