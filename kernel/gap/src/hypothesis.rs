@@ -272,10 +272,11 @@ impl Hypothesis {
 /// everywhere: a fit by its logarithm never comes back to that, so it stays.
 fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
     let side = usize::from(prismatic);
+    let second = description.parameters.iter().zip(values).any(|(p, value)| !p.words.is_empty() && *value > 0.5);
     let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
     numbers
         .filter_map(|(parameter, value)| {
-            let (logarithmic, mean, deviation) = match parameter.prior[side] {
+            let (logarithmic, mean, deviation) = match parameter.prior_of_second.filter(|_| second).unwrap_or(parameter.prior)[side] {
                 Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
                 Prior::LogNormal { median, spread } => (true, median.ln(), spread),
                 Prior::Normal { mean, deviation } => (false, mean, deviation),

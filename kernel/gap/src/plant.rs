@@ -15,6 +15,8 @@ use crate::trajectory::{Drive, Trajectory};
 pub(crate) struct Plant {
     pub system: System,
     laws: Vec<Option<ActuatorLaw>>,
+    /// Does a sensor of the joint read other than what is?
+    misread: Vec<bool>,
     /// The same without what happens to commands, where anything does: efforts act on joints behind it.
     behind_drives: Option<Box<Self>>,
     /// Longest step, s.
@@ -113,8 +115,14 @@ impl Plant {
         bare.document.effects.retain(|e| !on_command(e));
         let all = bare.document.effects.len() == model.document.effects.len();
         let behind_drives = if all { None } else { Some(Box::new(Self::new(&bare, limits, step)?)) };
+        let of_sensor = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Measurement(_)));
+        let misread = moving.iter().map(|i| {
+            let there = |e: &EffectEntry| e.joint.as_deref() == Some(model.joints[*i].name.as_str());
+            model.document.effects.iter().any(|e| there(e) && of_sensor(e))
+        });
+        let misread = misread.collect();
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this = Self { system, laws, behind_drives, step, rough: false };
+        let mut this = Self { system, laws, misread, behind_drives, step, rough: false };
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
         Ok(this)
     }
@@ -231,6 +239,10 @@ impl Plant {
             for j in 0..n {
                 let (u, drive) = (trajectory.input[k * n + j], trajectory.drive[j]);
                 motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
+                // What was measured is what acted and what the sensor added.
+                if drive == Drive::Effort && self.misread[j] {
+                    motion.tau[j] -= self.system.measure(&motion.state, 0.0, j).effort.value;
+                }
             }
             self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &[] }, h)?;
         }

@@ -128,13 +128,18 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         }
         "joint_axis_error" => across(view.axis).iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect(),
         "encoder_offset" => vec![vec![0.005, 0.0], vec![0.0, 0.01]],
-        "sensor_drift" => vec![vec![0.005, 0.0, 0.0], vec![0.0, 0.01 / view.duration, 0.0]],
+        // Of positions, and of efforts.
+        "sensor_drift" => {
+            let all = [(0.005, 0.01 / view.duration, 0.0), (0.3 * f, f / view.duration, 1.0)];
+            all.iter().flat_map(|(bias, rate, of)| [vec![*bias, 0.0, *of], vec![0.0, *rate, *of]]).collect()
+        }
         "clock_skew" => each(&|s| vec![s], &[h.max(0.003)]),
         "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
         "unmodelled_mode" => {
-            let mass = 10.0 * view.mass.max(0.1);
-            // A mode is seen within a third of its frequency.
-            [2.0, 3.0, 4.5, 6.7, 10.0, 15.0, 22.0].iter().flat_map(|hz| each(&|d| vec![*hz, 0.05, mass, d], &[0.0, 1.0, 2.0])).collect()
+            let mode = |hz: f64, share: f64| each(&|d| vec![hz, 0.05, share * view.mass.max(0.1), d], &[0.0, 1.0, 2.0]);
+            // A mode is seen within a third of its frequency; that of a light base, which the link takes along, from further away.
+            let heavy = [2.0, 3.0, 4.5, 6.7, 10.0, 15.0, 22.0].into_iter().flat_map(|hz| mode(hz, 10.0));
+            heavy.chain([2.0, 4.5, 10.0].into_iter().flat_map(|hz| mode(hz, 1.5))).collect()
         }
         _ => Vec::new(),
     }

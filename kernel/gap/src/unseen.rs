@@ -13,6 +13,8 @@ use crate::weigh::SMALLER;
 
 /// Half a fall of squared errors, in units of their noise, that is no chance.
 const SEEN: f64 = 3.0;
+/// Standard deviations below what is expected that are no chance.
+const CHANCE: f64 = 3.0;
 
 /// Whole trajectories for a check, where none are given: never samples of one.
 pub(crate) fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>) -> (Vec<&'a Log>, Vec<&'a Log>) {
@@ -44,9 +46,11 @@ pub(crate) struct Unseen {
 }
 
 impl Unseen {
-    /// They would show it, and they do not.
+    /// They would show it, and they do not, by more than chance. If it is there, the fall is normal about what is expected, with twice that
+    /// for its variance.
     pub fn contradicts(&self) -> bool {
-        !self.predicts && self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected)
+        let by_chance = self.expected - CHANCE * (2.0 * self.expected).sqrt();
+        !self.predicts && self.expected > SEEN && self.fall < SEEN.min(0.1 * self.expected).min(by_chance)
     }
 
     /// They show it.
