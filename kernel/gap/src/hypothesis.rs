@@ -272,7 +272,7 @@ impl Hypothesis {
 /// everywhere: a fit by its logarithm never comes back to that, so it stays.
 fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
     let side = usize::from(prismatic);
-    let second = description.parameters.iter().zip(values).any(|(p, value)| !p.words.is_empty() && *value > 0.5);
+    let second = description.second_word(values);
     let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
     numbers
         .filter_map(|(parameter, value)| {

@@ -74,3 +74,26 @@ fn one_way_is_told_from_both() {
     let one = [Trajectory::new(&log, &model).unwrap()];
     assert!(!Search::new(&model, &both).unwrap().seen[0].one_way && Search::new(&model, &one).unwrap().seen[0].one_way);
 }
+
+/// What a hand's sensor adds to the effort pushes nothing.
+#[test]
+fn a_drift_of_the_measured_effort_is_told_from_a_force() {
+    let model = door();
+    let mut truth = with(&model, "sensor_drift", &[("bias", 0.1), ("rate", -0.06)]);
+    truth.document.effects[0].choices.insert("of".into(), "effort".into());
+    let train: Vec<_> = (1..4).map(|s| swing(&truth, 2e-4, s)).collect();
+    let report = find(&model, &train, &[swing(&truth, 2e-4, 5)], &Options { baselines: false, ..Options::default() }).unwrap().report;
+    let [drift] = &report.effects[..] else { panic!("{:?}", report.effects) };
+    assert_eq!((drift.name.as_str(), drift.choices["of"].as_str(), drift.confirmed), ("sensor_drift", "effort", true));
+    let near = |name: &str, value: f64| (drift.parameters[name].value - value).abs() < 0.05 * value.abs();
+    assert!(near("rate", -0.06), "{:?}", drift.parameters);
+}
+
+/// An effort of 2 N m moves a door as far whatever a sensor says of another one.
+#[test]
+fn a_sensor_of_efforts_changes_nothing_about_how_joints_answer() {
+    let mut drifts = with(&door(), "sensor_drift", &[("bias", 1.5), ("rate", 0.0)]);
+    drifts.document.effects[0].choices.insert("of".into(), "effort".into());
+    let mobility = |model: &ObjectModel| Plant::new(model, &[false], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0]);
+    assert_eq!(mobility(&drifts), mobility(&door()));
+}

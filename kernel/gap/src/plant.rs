@@ -172,7 +172,7 @@ impl Plant {
     /// Effort of the drive of joint `j` at `q`, `v`.
     fn effort(&self, j: usize, drive: Drive, u: f64, q: f64, v: f64) -> f64 {
         let Drive::Command(kind) = drive else {
-            return if drive == Drive::Effort && u.is_finite() { u } else { 0.0 };
+            return if matches!(drive, Drive::Effort | Drive::Given) && u.is_finite() { u } else { 0.0 };
         };
         // An empty command is an open circuit.
         if !u.is_finite() {
@@ -271,7 +271,7 @@ impl Plant {
         let rigid = self.inverse_mass_at(q);
         let n = most.len();
         let end = |input: &[f64]| -> Option<Vec<f64>> {
-            let mut row = Trajectory::steady(ROWS + 1, period, most, vec![Drive::Effort; n]);
+            let mut row = Trajectory::steady(ROWS + 1, period, most, vec![Drive::Given; n]);
             let last = (ROWS - 1) * n;
             row.input[last..last + n].copy_from_slice(input);
             let mut motion = self.motion();

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use nalgebra::DVector;
+use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use sagci_dynamics::effects::{self, Acts, Effect};
 
@@ -15,7 +15,7 @@ use crate::hypothesis::{Hypothesis, Knob};
 use crate::response::Response;
 use crate::search::Search;
 use crate::span::{Change, Span};
-use crate::starts::{JointView, observable, starts};
+use crate::starts::{self, JointView, observable, starts};
 
 /// Effects that go on to the simulator, and starts of one of them.
 const SEMIFINALISTS: usize = 12;
@@ -41,7 +41,12 @@ struct Try {
     hypothesis: Hypothesis,
     /// Its force is a function of the run that the model makes without it.
     linear: bool,
+    /// Of its numbers those that were fitted where one run was looked at.
+    numbers: usize,
 }
+
+/// A start that was looked at: what came of it, its values, and how one run with it changes the errors.
+type Begun = (Screened, Option<(Vec<f64>, Change)>);
 
 /// An effect at a place after the screens.
 pub(crate) struct Screened {
@@ -71,30 +76,27 @@ impl Search<'_> {
             if !t.linear && !t.joint.is_none_or(|j| pushed[j]) {
                 return None;
             }
-            let (x, worth) = if t.linear {
+            let (x, worth, change) = if t.linear {
                 let (x, gain) = self.by_response(base, response, &span, &t, scale);
-                (x, worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain))
+                (x, worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain), None)
             } else {
-                let (x, gain) = by_run(&rough, &rough_base, &span, base, &t.hypothesis)?;
-                (x, worth(1, gain))
+                let (x, gain, change) = by_run(&rough, &rough_base, &span, base, &t.hypothesis)?;
+                (x, worth(t.numbers, gain), starts::sum(t.effect.description().name, &[(1.0, &t.values)]).map(|_| change))
             };
             let hypothesis = Hypothesis { x, ..t.hypothesis };
-            worth.is_finite().then_some(Screened {
-                linear: t.linear,
-                effect: t.effect.description().name,
-                joint: t.joint,
-                hypothesis,
-                worth,
-            })
+            let (effect, joint, linear) = (t.effect.description().name, t.joint, t.linear);
+            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth }, change.map(|c| (t.values, c))))
         };
         let mut tries = self.tries(base, views);
         if self.many_joints() {
             tries = self.promising(base, tries, &responses, &span);
         }
-        let screened: Vec<Option<Screened>> = tries.into_par_iter().map(screened).collect();
+        let begun: Vec<_> = tries.into_par_iter().filter_map(&screened).collect();
+        let sums = self.sums(base, &begun, &span, scale);
+        let begun = begun.into_iter().chain(sums.into_par_iter().filter_map(&screened).collect::<Vec<_>>()).map(|(screened, _)| screened);
         // What was fitted in the linear response has one best start; of others the second may lead further.
         let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
-        for candidate in screened.into_iter().flatten() {
+        for candidate in begun {
             best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
         }
         let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
@@ -138,11 +140,41 @@ impl Search<'_> {
                 for values in starts(description.name, &views[at]) {
                     let Ok(hypothesis) = base.hypothesis.with(description.name, named, &values) else { continue };
                     let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * way, REPEATS * TAU / way);
-                    tries.push(Try { effect: *effect, joint, values, hypothesis, linear });
+                    tries.push(Try { effect: *effect, joint, values, hypothesis, linear, numbers: 1 });
                 }
             }
         }
         tries
+    }
+
+    /// What an effect's starts add up to, each as often as the data want them together: one axis may be off in four ways at once, and none of
+    /// them alone says so.
+    fn sums(&self, base: &Fit, begun: &[Begun], span: &Span, scale: f64) -> Vec<Try> {
+        type Part<'a> = (&'a Screened, &'a Vec<f64>, &'a Change);
+        let mut groups: BTreeMap<(&str, Option<usize>, bool), Vec<Part<'_>>> = BTreeMap::new();
+        for (screened, run) in begun {
+            if let Some((values, change)) = run {
+                let second = effects::find(screened.effect).is_ok_and(|e| e.description().second_word(values));
+                groups.entry((screened.effect, screened.joint, second)).or_default().push((screened, values, change));
+            }
+        }
+        let sum = |((name, joint, _), parts): ((&str, Option<usize>, bool), Vec<Part<'_>>)| {
+            // Each number's prior, as if measured once more.
+            let prior = |part: &Part<'_>| {
+                let added = &part.0.hypothesis.fitted[base.hypothesis.x.len()..];
+                let sizes = added.iter().zip(part.1).map(|(f, value)| (value / f.prior[1]).abs());
+                scale * sizes.fold(0.0, f64::max)
+            };
+            let n = parts.len();
+            let matrix = DMatrix::from_fn(n, n, |i, j| parts[i].2.dot(parts[j].2) + if i == j { prior(&parts[i]).powi(2) } else { 0.0 });
+            let right = DVector::from_fn(n, |i, _| -parts[i].2.dot(&span.errors));
+            let shares = Cholesky::new(matrix)?.solve(&right);
+            let shared: Vec<(f64, &[f64])> = shares.iter().copied().zip(parts.iter().map(|p| p.1.as_slice())).collect();
+            let values = starts::sum(name, &shared)?;
+            let hypothesis = base.hypothesis.with(name, joint.map(|j| self.names[j].as_str()), &values).ok()?;
+            Some(Try { effect: effects::find(name).ok()?, joint, values, hypothesis, linear: false, numbers: n })
+        };
+        groups.into_iter().filter(|(_, parts)| parts.len() > 1).filter_map(sum).collect()
     }
 
     /// Of the linear ones those that already explain most where they begin, their size apart. Fitting each of them on each joint of a
@@ -222,8 +254,14 @@ impl Search<'_> {
 }
 
 /// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: where a fit begins,
-/// and the fall of the sum of squares along the change that the effect makes.
-fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit, hypothesis: &Hypothesis) -> Option<(Vec<f64>, f64)> {
+/// the fall of the sum of squares along the change that the effect makes, and that change.
+fn by_run(
+    problem: &Problem<'_>,
+    errors: &DVector<f64>,
+    span: &Span,
+    base: &Fit,
+    hypothesis: &Hypothesis,
+) -> Option<(Vec<f64>, f64, Change)> {
     let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
     let (share, fall) = along(&change, span, reach(base, hypothesis));
     let mut x = hypothesis.x.clone();
@@ -231,7 +269,7 @@ fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit,
     if let Some(size) = size(base, hypothesis) {
         x[size] *= share;
     }
-    fall.is_finite().then_some((x, fall))
+    fall.is_finite().then_some((x, fall, change))
 }
 
 /// The first of an effect's numbers that is not zero, if its force is linear in that one.

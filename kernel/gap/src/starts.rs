@@ -126,7 +126,11 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             let around = around.filter(|_| view.hangs);
             std::iter::once(center).chain(around).map(|p| vec![0.2 * view.mass, p.x, p.y, p.z]).collect()
         }
-        "joint_axis_error" => across(view.axis).iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]).collect(),
+        "joint_axis_error" => {
+            let ways = across(view.axis);
+            let turned = ways.iter().map(|d| vec![0.02, d.x, d.y, d.z, 0.0, 0.0, 0.0]);
+            turned.chain(ways.iter().map(|d| vec![0.0, 0.0, 0.0, 0.0, 0.005 * d.x, 0.005 * d.y, 0.005 * d.z])).collect()
+        }
         "encoder_offset" => vec![vec![0.005, 0.0], vec![0.0, 0.01]],
         // Of positions, and of efforts.
         "sensor_drift" => {
@@ -142,6 +146,23 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             heavy.chain([2.0, 4.5, 10.0].into_iter().flat_map(|hz| mode(hz, 1.5))).collect()
         }
         _ => Vec::new(),
+    }
+}
+
+/// What starts of an effect add up to, each taken so many times; none where they do not add.
+pub(crate) fn sum(effect: &str, parts: &[(f64, &[f64])]) -> Option<Vec<f64>> {
+    let first = parts.first()?.1;
+    let total = |k: usize| parts.iter().map(|(share, values)| share * values[k]).sum::<f64>();
+    match effect {
+        "encoder_offset" => Some(vec![total(0), total(1)]),
+        "sensor_drift" => Some(vec![total(0), total(1), first[2]]),
+        // Small turns add as vectors.
+        "joint_axis_error" => {
+            let turn: Vec<f64> = (1..4).map(|k| parts.iter().map(|(share, v)| share * v[0] * v[k]).sum()).collect();
+            let angle = turn.iter().map(|t| t * t).sum::<f64>().sqrt().max(1e-6);
+            Some(vec![angle, turn[0] / angle, turn[1] / angle, turn[2] / angle, total(4), total(5), total(6)])
+        }
+        _ => None,
     }
 }
 

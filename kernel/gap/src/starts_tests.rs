@@ -5,7 +5,7 @@ use sagci_recording::{JointLog, Log, Series};
 
 use crate::hypothesis::Hypothesis;
 use crate::search::Search;
-use crate::starts::{JointView, starts};
+use crate::starts::{JointView, starts, sum};
 use crate::tests::{door, swing, with};
 use crate::trajectory::{Trajectory, going_on};
 
@@ -122,4 +122,22 @@ fn noise_of_a_joint_that_rests_and_a_cut_end_no_session() {
     rest.joints[1].position.time.iter_mut().for_each(|t| *t += 2.0);
     rest.continues = true;
     assert!(going_on(&[whole, rest])[1].continues, "no time passed in which it was brought anywhere");
+}
+
+/// Errors of an axis that are small add up as vectors, whatever share each has; what is no sum of its starts has none.
+#[test]
+fn small_turns_of_an_axis_add_as_vectors() {
+    let (turned, moved) = (0.02, 0.005);
+    let starts = [
+        vec![turned, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        vec![turned, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+        vec![0.0, 0.0, 0.0, 0.0, moved, 0.0, 0.0],
+        vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, moved],
+    ];
+    let parts: Vec<(f64, &[f64])> = [0.3, -0.4, 2.0, -1.0].into_iter().zip(starts.iter().map(Vec::as_slice)).collect();
+    let all = sum("joint_axis_error", &parts).unwrap();
+    let rotation = Vector3::new(all[1], all[2], all[3]) * all[0];
+    assert!((rotation - Vector3::new(0.3, 0.0, -0.4) * turned).norm() < 1e-12, "{all:?}");
+    assert!((Vector3::new(all[4], all[5], all[6]) - Vector3::new(2.0, 0.0, -1.0) * moved).norm() < 1e-12, "{all:?}");
+    assert_eq!(sum("payload", &parts), None);
 }

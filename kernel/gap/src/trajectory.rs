@@ -62,6 +62,8 @@ pub(crate) enum Drive {
     Free,
     /// A measured effort.
     Effort,
+    /// An effort that acts as it is given.
+    Given,
     /// A command, through the law of its drive.
     Command(CommandKind),
 }

@@ -99,3 +99,17 @@ impl Search<'_> {
         (!unseen.is_empty()).then(|| Unseen { fall, expected: weight * change.norm_squared(), predicts: false })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Unseen;
+
+    /// Of an effect that makes little difference to the unseen data, chance alone can make that difference disappear.
+    #[test]
+    fn a_veto_is_no_chance() {
+        let contradicts = |expected: f64, fall: f64| Unseen { fall, expected, predicts: false }.contradicts();
+        assert!(!contradicts(5.0, -3.0) && contradicts(5.0, -10.0), "a small one");
+        assert!(contradicts(100.0, 2.0) && contradicts(100.0, -50.0) && !contradicts(100.0, 90.0), "a large one");
+        assert!(!contradicts(2.0, -50.0), "they would not show it");
+    }
+}

@@ -69,6 +69,11 @@ impl Description {
         self.parameter("encoder").is_some()
     }
 
+    /// Is the effect's choice, among values in the order of its parameters, not the first word?
+    pub fn second_word(&self, values: &[f64]) -> bool {
+        self.parameters.iter().zip(values).any(|(p, value)| !p.words.is_empty() && *value > 0.5)
+    }
+
     /// Index of a parameter by its name.
     pub fn parameter(&self, name: &str) -> Option<usize> {
         self.parameters.iter().take(MAX_PARAMETERS).position(|p| p.name == name)
