@@ -55,6 +55,17 @@ fn a_drive_at_its_limit_is_no_heavier() {
     assert_eq!(free.mobility(&[0.5], 0.005, &[2.0]), limited.mobility(&[0.5], 0.005, &[2.0]));
 }
 
+/// A fast mode would make errors weigh less than any other effect could, and explain noise.
+#[test]
+fn a_base_that_swings_is_no_lighter() {
+    let rigid = Plant::new(&door(), &[false], 1e-3).unwrap();
+    let mut swinging = with(&door(), "unmodelled_mode", &[("frequency", 35.0), ("damping_ratio", 0.03), ("mass", 2.0)]);
+    swinging.document.effects[0].joint = None;
+    swinging.document.effects[0].choices.insert("direction".into(), "x".into());
+    let swinging = Plant::new(&swinging, &[false], 1e-3).unwrap();
+    assert_eq!(rigid.mobility(&[0.5], 0.005, &[2.0]), swinging.mobility(&[0.5], 0.005, &[2.0]));
+}
+
 #[test]
 fn an_encoder_that_shows_more_shows_more_noise() {
     let mobility = |model: &ObjectModel| Plant::new(model, &[false], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0])[0];

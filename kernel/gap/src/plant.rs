@@ -17,7 +17,10 @@ pub(crate) struct Plant {
     laws: Vec<Option<ActuatorLaw>>,
     /// Does a sensor of the joint read other than what is?
     misread: Vec<bool>,
-    /// The same without what happens to commands, where anything does: efforts act on joints behind it.
+    /// How late the only joint's measurements are stamped, s: by their stamps, what drives it acts so much later.
+    skew: Option<f64>,
+    /// The same without what happens to commands, where anything does: efforts act on joints behind it; and on a base that stands: how far one
+    /// that swings has come after some rows says nothing about a row.
     behind_drives: Option<Box<Self>>,
     /// Longest step, s.
     pub step: f64,
@@ -97,6 +100,28 @@ impl Motion {
     }
 }
 
+/// Mean of what drives the only joint from a time on for so long, s; `k` is a row near there. What came before the first row is not known and
+/// is taken for that row's.
+fn held(trajectory: &Trajectory, k: usize, from: f64, duration: f64) -> f64 {
+    let time = &trajectory.time;
+    let mut row = k;
+    while row > 0 && time[row] > from {
+        row -= 1;
+    }
+    while row + 1 < time.len() && time[row + 1] <= from {
+        row += 1;
+    }
+    let (mut sum, mut at, end) = (0.0, from, from + duration);
+    loop {
+        let next = time.get(row + 1).map_or(end, |t| t.min(end));
+        sum += trajectory.input[row] * (next - at);
+        if next >= end {
+            return sum / duration;
+        }
+        (at, row) = (next, row + 1);
+    }
+}
+
 impl Plant {
     /// `limits` says of which joints the URDF's limits are kept.
     pub fn new(model: &ObjectModel, limits: &[bool], step: f64) -> Result<Self, GapError> {
@@ -110,9 +135,9 @@ impl Plant {
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());
         let laws = moving.iter().map(law).collect();
-        let on_command = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Command(_)));
+        let apart = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Command(_) | Acts::Base));
         let mut bare = model.clone();
-        bare.document.effects.retain(|e| !on_command(e));
+        bare.document.effects.retain(|e| !apart(e));
         let all = bare.document.effects.len() == model.document.effects.len();
         let behind_drives = if all { None } else { Some(Box::new(Self::new(&bare, limits, step)?)) };
         let of_sensor = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Measurement(_)));
@@ -121,8 +146,11 @@ impl Plant {
             model.document.effects.iter().any(|e| there(e) && of_sensor(e))
         });
         let misread = misread.collect();
+        let late = |e: &EffectEntry| if e.effect == "clock_skew" { e.parameters.get("skew").copied() } else { None };
+        let skew: f64 = model.document.effects.iter().filter_map(late).sum();
+        let skew = (moving.len() == 1 && skew != 0.0).then_some(skew);
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this = Self { system, laws, misread, behind_drives, step, rough: false };
+        let mut this = Self { system, laws, misread, skew, behind_drives, step, rough: false };
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
         Ok(this)
     }
@@ -237,7 +265,11 @@ impl Plant {
         let n = trajectory.joints;
         for _ in 0..count {
             for j in 0..n {
-                let (u, drive) = (trajectory.input[k * n + j], trajectory.drive[j]);
+                let drive = trajectory.drive[j];
+                let u = match self.skew {
+                    Some(late) => held(trajectory, k, motion.state.time - late, h),
+                    None => trajectory.input[k * n + j],
+                };
                 motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
                 // What was measured is what acted and what the sensor added.
                 if drive == Drive::Effort && self.misread[j] {
@@ -305,9 +337,13 @@ impl Plant {
         inverse.as_slice().to_vec()
     }
 
-    /// The position that is read on joint `j` at the state's time, by its stamp.
+    /// The position that is read on joint `j` at the state's time, by its stamp. Where one of several joints is stamped late, from there by
+    /// its velocity and acceleration; where all are, the motion itself goes by the stamps.
     pub fn reading(&self, motion: &Motion, j: usize) -> f64 {
         let reading = self.system.measure(&motion.state, 0.0, j);
+        if self.skew.is_some() {
+            return reading.position.value;
+        }
         // What is stamped late by s was true s ago.
         let late = reading.stamp.value - motion.state.time;
         let (v, a) = (motion.state.v[j], motion.acceleration[j]);
