@@ -252,3 +252,32 @@ fn what_was_sent_before_a_recording_began_is_not_held_against_a_delay() {
     let white = search.problem.measured() as f64;
     assert!(fit.squares < 1.2 * white, "{} of {white}", fit.squares);
 }
+
+/// By its stamps, a motion that is stamped late is one that was driven late; also by part of a sample, and early.
+#[test]
+fn a_clock_that_is_off_is_a_drive_that_is() {
+    let log = swing(&door(), 0.0, 1);
+    let end = |model: &ObjectModel, log: &Log| -> f64 {
+        let plant = Plant::new(model, &[false], 1e-3).unwrap();
+        let trajectory = Trajectory::new(log, &door()).unwrap();
+        let mut motion = plant.motion();
+        motion.state.q[0] = 0.6;
+        (0..400).for_each(|k| plant.interval(&mut motion, &trajectory, k).unwrap());
+        plant.reading(&motion, 0)
+    };
+    let skewed = |skew: f64| end(&with(&door(), "clock_skew", &[("skew", skew)]), &log);
+    for rows in [-3_i64, 2] {
+        let mut driven = log.clone();
+        let effort = &mut driven.joints[0].effort.as_mut().unwrap().value;
+        let given = effort.clone();
+        for (k, u) in effort.iter_mut().enumerate() {
+            *u = given[(k as i64 - rows).clamp(0, given.len() as i64 - 1) as usize];
+        }
+        let (ours, theirs) = (skewed(0.005 * rows as f64), end(&door(), &driven));
+        assert!((ours - theirs).abs() < 1e-6 && (ours - end(&door(), &log)).abs() > 1e-4, "{rows} rows: {ours} {theirs}");
+    }
+    // A fit has derivatives between samples.
+    let slopes: Vec<f64> = [0.0071, 0.0076, 0.0081].iter().map(|s| (skewed(s + 1e-5) - skewed(s - 1e-5)) / 2e-5).collect();
+    let (least, most) = slopes.iter().fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
+    assert!(most - least < 0.05 * most.abs().max(least.abs()), "{slopes:?}");
+}
