@@ -137,7 +137,8 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             let all = [(0.005, 0.01 / view.duration, 0.0), (0.3 * f, f / view.duration, 1.0)];
             all.iter().flat_map(|(bias, rate, of)| [vec![*bias, 0.0, *of], vec![0.0, *rate, *of]]).collect()
         }
-        "clock_skew" => each(&|s| vec![s], &[h.max(0.003), -h.max(0.003), 0.012, -0.012]),
+        // A sample, and as much as is usual, either way: over several samples a skew is no longer a small change of one.
+        "clock_skew" => each(&|s| vec![s], &[h.max(0.003), -h.max(0.003), 0.01, -0.01]),
         "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
         "unmodelled_mode" => {
             let mode = |hz: f64, share: f64| each(&|d| vec![hz, 0.05, share * view.mass.max(0.1), d], &[0.0, 1.0, 2.0]);
