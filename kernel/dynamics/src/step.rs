@@ -39,6 +39,10 @@ pub(crate) const RECOVERY_STEPS: f64 = 10.0;
 /// A step is solved again at most this often for forces that are no linear function of the next velocity.
 const REFINEMENTS: usize = 100;
 
+/// It goes slowly where a round leaves more than this share of what it found, and is given up after so many rounds without half of the least.
+const SLOW: f64 = 0.1;
+const PATIENCE: usize = 12;
+
 /// Next velocities have settled when a solution changes them by no more than this, over their size.
 const SETTLED: f64 = 1e-12;
 
@@ -57,6 +61,8 @@ pub struct StepWorkspace {
     more: Vec<f64>,
     /// The next velocities about which the problem is written.
     next: Vec<f64>,
+    /// Of the last two rounds by degree of freedom: the solution, and how far it is from what it was written about.
+    answers: Vec<[[f64; 2]; 2]>,
     pub(crate) tau: Vec<f64>,
     pub(crate) seen: Vec<f64>,
     pub(crate) bases: Vec<BaseMotion>,
@@ -80,6 +86,7 @@ impl StepWorkspace {
             midpoint_load: vec![0.0; n],
             more: vec![0.0; n],
             next: vec![0.0; n],
+            answers: vec![[[0.0; 2]; 2]; n],
             tau: vec![0.0; n],
             seen: vec![0.0; system.placements().len()],
             bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
@@ -279,20 +286,36 @@ impl System {
         }
     }
 
-    /// Solves the step again about its own solution, until that stays. Where it does not, a force jumps or falls so steeply within
-    /// the step that the step has no solution that its derivatives could stand on; that is an error, and a shorter step helps.
+    /// Solves the step again about its own solution, until that stays. Where that goes slowly, as with a friction that falls steeply, by
+    /// secants (Anderson 1965, over two rounds). Where it does not stay, a force jumps or falls so steeply within the step that the step has
+    /// no solution that its derivatives could stand on; that is an error, and a shorter step helps.
     fn refine(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
         if !self.nonlinear {
             return Ok(());
         }
-        let mut moved = 0.0;
-        for _ in 0..REFINEMENTS {
+        let (mut moved, mut least, mut waited) = (0.0_f64, f64::INFINITY, 0);
+        for round in 0..REFINEMENTS {
             let by = |(w, old): (&f64, &f64)| (w - old).abs() / (1.0 + w.abs());
+            let before = moved;
             moved = ws.problem.v.iter().zip(&ws.next).map(by).fold(0.0, f64::max);
             if moved <= SETTLED {
                 return Ok(());
             }
-            ws.next.copy_from_slice(&ws.problem.v);
+            waited = if moved < 0.5 * least { 0 } else { waited + 1 };
+            least = least.min(moved);
+            if waited > PATIENCE {
+                break;
+            }
+            let slow = round > 1 && moved > SLOW * before;
+            for k in 0..ws.next.len() {
+                let answer = ws.problem.v[k];
+                let off = answer - ws.next[k];
+                ws.answers[k] = [ws.answers[k][1], [answer, off]];
+            }
+            let share = if slow { secant(&ws.answers) } else { 0.0 };
+            for (next, [old, new]) in ws.next.iter_mut().zip(&ws.answers) {
+                *next = new[0] - share * (new[0] - old[0]);
+            }
             self.assemble(ws, state, dt);
             check("the forces of the step", &ws.problem.b, ws.problem.n)?;
             self.solve(ws, dt, true)?;
@@ -346,4 +369,17 @@ impl System {
         }
         self.add_bases(ws, state, dt);
     }
+}
+
+/// By which share of the way back to the round before the last the last one's answer is too far, if both are taken as linear.
+fn secant(answers: &[[[f64; 2]; 2]]) -> f64 {
+    let (mut along, mut size) = (0.0, 0.0);
+    for [[_, old], [_, new]] in answers {
+        let change = new - old;
+        along += new * change;
+        size += change * change;
+    }
+    let share = along / size;
+    // From one on, rounds lead away from the solution: it is not one that would stay.
+    if share < 1.0 { share } else { 0.0 }
 }

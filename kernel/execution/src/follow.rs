@@ -173,7 +173,7 @@ impl Following {
             let message = format!("the wrist felt {:.0} N, more than the {:.0} N allowed", F_S.force.norm(), guard.limit());
             return Outcome::Failed(failure(FailureCode::Overload, message));
         }
-        if observation.gripper_width < self.follow.least_width {
+        if slipped(self.follow.least_width, observation.gripper_width) {
             let message = format!("the fingers closed to {:.1} mm: what they held has slipped out", observation.gripper_width * 1e3);
             return Outcome::Failed(failure(FailureCode::GraspLost, message));
         }
@@ -220,4 +220,20 @@ fn at_share(values: &[f64], share: f64) -> f64 {
     let x = share.clamp(0.0, 1.0) * last as f64;
     let (i, w) = (x.floor() as usize, x.fract());
     values[i] * (1.0 - w) + values[(i + 1).min(last)] * w
+}
+
+/// Has what the fingers hold slipped out? Where they hold nothing they may shut: then a sensor reads a little less than zero.
+fn slipped(least_width: f64, width: f64) -> bool {
+    least_width > 0.0 && width < least_width
+}
+
+#[cfg(test)]
+mod tests {
+    use super::slipped;
+
+    #[test]
+    fn shut_fingers_that_hold_nothing_have_lost_nothing() {
+        assert!(!slipped(0.0, -1e-4), "a hand that lost its hold goes back with its fingers shut");
+        assert!(slipped(0.01, 0.004) && slipped(0.01, -1e-4) && !slipped(0.01, 0.02));
+    }
 }

@@ -38,7 +38,7 @@ pub struct Follow {
     pub gripper: GripperCommand,
     /// What ends it before its time.
     pub guard: Guard,
-    /// The gripper must stay at least this far open, m: less means that what it held has slipped out.
+    /// The gripper must stay at least this far open, m: less means that what it held has slipped out. Zero where it holds nothing.
     pub least_width: f64,
 }
 

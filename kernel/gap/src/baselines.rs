@@ -53,15 +53,8 @@ const PASSES: usize = 3;
 /// Joints that the regression looks at: the worst ones.
 const MOST: usize = 3;
 
-/// The pooled gap of each other way. One that cannot be simulated is left out.
-pub(crate) fn baselines(
-    search: &Search<'_>,
-    measure: &Measure<'_>,
-    refitted: &Fit,
-    before: f64,
-    scale: f64,
-    seed: u64,
-) -> BTreeMap<String, f64> {
+/// The pooled gap of each other way that changes the model. One that cannot be simulated is left out.
+pub(crate) fn baselines(search: &Search<'_>, measure: &Measure<'_>, refitted: &Fit, scale: f64, seed: u64) -> BTreeMap<String, f64> {
     let ways = ["free_refit", "learned_residual", "sparse_regression"];
     let gap = |way: &&str| -> Result<f64, GapError> {
         match *way {
@@ -74,9 +67,7 @@ pub(crate) fn baselines(
         }
     };
     let found: Vec<(String, f64)> = ways.par_iter().filter_map(|way| Some(((*way).to_owned(), gap(way).ok()?))).collect();
-    let mut all: BTreeMap<String, f64> = found.into_iter().filter(|(_, x)| x.is_finite()).collect();
-    all.insert("no_model_change".into(), before);
-    all
+    found.into_iter().filter(|(_, x)| x.is_finite()).collect()
 }
 
 /// All that the model knows, free, with damping and dry friction even where it has none.

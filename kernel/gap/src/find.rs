@@ -291,8 +291,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
     }
 
-    say("predicting over windows");
-    let (gap, predicted) = gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options)?;
+    say("predicting over windows, beside other ways");
+    let (predicted, others) = rayon::join(
+        || gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options),
+        || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
+    );
+    let (gap, predicted) = predicted?;
     // What is left.
     let typical = search.typical_force();
     // Windows that are far off say so even where the force is small beside others.
@@ -331,12 +335,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let (tried, kept) = learned_remainder(&search, &measure, &current, scale, [shown.after, shown.noise_floor], options.seed)?;
         (residual, learned) = (Some(tried), kept);
     }
-    let others = if options.baselines {
-        say("comparing with other ways");
-        baselines(&search, &measure, &refitted, shown.before, scale, options.seed)
-    } else {
-        BTreeMap::new()
-    };
+    let mut others = others;
+    if options.baselines {
+        others.insert("no_model_change".into(), shown.before);
+    }
     say("choosing the next experiment");
     let agreed: Vec<bool> = effects_found.iter().map(|e| e.confirmed).collect();
     let next = match &unexplained {

@@ -13,7 +13,7 @@
 //! J <- J + (de - J dx) dx^T D / (dx^T D dx),   D = diag(J^T J)
 //! ```
 //!
-//! and anew after one that did not. First fits, of which there are many, take them from runs to first order, which cost a third: a step
+//! and anew after one that did not. While names are sought they are taken from runs to first order, which cost a third: a step
 //! asks of derivatives where to go, and the errors, which are exact, say whether it was right. Where such a step fails, they are taken
 //! exactly.
 

@@ -20,6 +20,10 @@ use crate::starts::{self, JointView, observable, starts};
 /// Effects that go on to the simulator, and starts of one of them.
 const SEMIFINALISTS: usize = 12;
 const STARTS: usize = 2;
+/// Starts of an effect that are fitted to the end in the linear response, and the rounds after which they are chosen and all of them.
+const FEW_STARTS: usize = 3;
+const FIRST_ROUNDS: usize = 3;
+const ROUNDS: usize = 8;
 /// An effect that explains less than this share of what the best one explains is not looked at further.
 const HOPE: f64 = 0.3;
 /// Logarithm of the evidence below which a small force will not be convincing.
@@ -77,7 +81,7 @@ impl Search<'_> {
                 return None;
             }
             let (x, worth, change) = if t.linear {
-                let (x, gain) = self.by_response(base, response, &span, &t, scale);
+                let (x, gain) = self.by_response(base, response, &span, &t, scale, ROUNDS);
                 (x, worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain), None)
             } else {
                 let (x, gain, change) = by_run(&rough, &rough_base, &span, base, &t.hypothesis)?;
@@ -91,6 +95,7 @@ impl Search<'_> {
         if self.many_joints() {
             tries = self.promising(base, tries, &responses, &span);
         }
+        let tries = self.hopeful(base, tries, &responses, &span, scale);
         let begun: Vec<_> = tries.into_par_iter().filter_map(&screened).collect();
         let sums = self.sums(base, &begun, &span, scale);
         let begun = begun.into_iter().chain(sums.into_par_iter().filter_map(&screened).collect::<Vec<_>>()).map(|(screened, _)| screened);
@@ -104,16 +109,7 @@ impl Search<'_> {
             starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
             starts.truncate(if starts[0].linear { 1 } else { STARTS });
         }
-        ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
-        ranked.truncate(SEMIFINALISTS);
-        // Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing.
-        let most = ranked.first().map_or(0.0, |r| r[0].worth);
-        let mut place = 0;
-        ranked.retain(|r| {
-            place += 1;
-            (r[0].worth > -NEAR || !r[0].linear) && (place <= 4 || r[0].worth > HOPE * most)
-        });
-        Ok(ranked.into_iter().flatten().collect())
+        Ok(worth_a_fit(ranked).into_iter().flatten().collect())
     }
 
     /// All that the catalogue offers and the data can show.
@@ -203,6 +199,32 @@ impl Search<'_> {
         tries.into_iter().map(|t| t.1).collect()
     }
 
+    /// Of the many starts of a linear one those that have come furthest after a few rounds, where they have come to.
+    fn hopeful(&self, base: &Fit, tries: Vec<Try>, responses: &[Response], span: &Span, scale: f64) -> Vec<Try> {
+        let mut starts: BTreeMap<(&str, Option<usize>), usize> = BTreeMap::new();
+        let key = |t: &Try| (t.effect.description().name, t.joint);
+        for t in tries.iter().filter(|t| t.linear) {
+            *starts.entry(key(t)).or_default() += 1;
+        }
+        let begun = |mut t: Try| match responses.get(t.joint.unwrap_or(0)) {
+            Some(response) if t.linear && starts.get(&key(&t)).is_some_and(|count| *count > FEW_STARTS) => {
+                let (x, gain) = self.by_response(base, response, span, &t, scale, FIRST_ROUNDS);
+                t.hypothesis.x = x;
+                (gain, t)
+            }
+            _ => (f64::INFINITY, t),
+        };
+        let mut tries: Vec<(f64, Try)> = tries.into_par_iter().map(begun).collect();
+        tries.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut kept: BTreeMap<(&str, Option<usize>), usize> = BTreeMap::new();
+        tries.retain(|(gain, t)| {
+            let before = kept.entry(key(t)).or_default();
+            *before += 1;
+            gain.is_infinite() || *before <= FEW_STARTS
+        });
+        tries.into_iter().map(|t| t.1).collect()
+    }
+
     /// Joints on which some force explains a good part of what one on any joint does. A run for each start of each effect on each joint of a
     /// robot's arm is what a search would mostly do.
     fn pushed(&self, responses: &[Response], span: &Span, scale: f64) -> Vec<bool> {
@@ -217,7 +239,7 @@ impl Search<'_> {
     }
 
     /// Fits an effect's numbers in the linear response: where it ends, and how much the sum of squares falls.
-    fn by_response(&self, base: &Fit, response: &Response, span: &Span, t: &Try, scale: f64) -> (Vec<f64>, f64) {
+    fn by_response(&self, base: &Fit, response: &Response, span: &Span, t: &Try, scale: f64, rounds: usize) -> (Vec<f64>, f64) {
         let first = base.hypothesis.x.len();
         let fitted = &t.hypothesis.fitted[first..];
         let parameters = t.effect.description().parameters;
@@ -236,7 +258,7 @@ impl Search<'_> {
             span.errors.plus(&span.of(response.errors_of(&response.forces(t.effect, &theta))))
         };
         let x = t.hypothesis.x[first..].to_vec();
-        let (x, squares) = crate::fit::minimise(&errors, fitted, x, scale, 8);
+        let (x, squares) = crate::fit::minimise(&errors, fitted, x, scale, rounds);
         let mut all = t.hypothesis.x.clone();
         all[first..].copy_from_slice(&x);
         (all, span.errors.norm_squared() - squares)
@@ -251,6 +273,24 @@ impl Search<'_> {
         };
         j.damping > 0.0 || j.friction > 0.0 || model.document.effects.iter().any(named)
     }
+}
+
+/// Of effects, each with its starts, those that go on to the simulator, the most promising first.
+///
+/// Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing. What one run promises along its
+/// own direction may not hold, least where a model sticks, so those that were fitted are not asked to keep up with it.
+fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
+    ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
+    ranked.truncate(SEMIFINALISTS);
+    let most = |linear: bool| ranked.iter().find(|r| r[0].linear == linear).map_or(0.0, |r| r[0].worth);
+    let most = [most(false), most(true)];
+    let mut place = 0;
+    ranked.retain(|r| {
+        place += 1;
+        let first = &r[0];
+        (first.worth > -NEAR || !first.linear) && (place <= 4 || first.worth > HOPE * most[usize::from(first.linear)])
+    });
+    ranked
 }
 
 /// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: where a fit begins,
@@ -296,4 +336,24 @@ fn along(change: &Change, span: &Span, [least, most]: [f64; 2]) -> (f64, f64) {
     let slope = change.dot(&span.errors);
     let share = (-slope / size).max(least).min(most);
     (share, -share * (2.0 * slope + share * size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::door;
+
+    #[test]
+    fn what_one_run_promises_does_not_silence_what_was_fitted() {
+        let screened = |effect: &'static str, linear: bool, worth: f64| {
+            vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth }]
+        };
+        // A door that sticks: a skew shakes it loose, and promises more than it can keep.
+        let friction = ["viscous_friction", "stribeck_friction", "asymmetric_friction", "latch", "position_dependent_friction"];
+        let mut all = vec![screened("clock_skew", false, 2320.0)];
+        all.extend(friction.into_iter().zip([275.0, 261.0, 257.0, 246.0, 243.0]).map(|(e, worth)| screened(e, true, worth)));
+        all.push(screened("torque_bias", true, 20.0));
+        let kept: Vec<&str> = worth_a_fit(all).iter().map(|r| r[0].effect).collect();
+        assert_eq!(kept[1..], friction, "{kept:?}");
+    }
 }

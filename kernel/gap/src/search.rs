@@ -236,8 +236,7 @@ impl<'a> Search<'a> {
     /// Fits to the end, the first of them first: what stays far behind it need not be fitted to the end.
     fn finished(&self, base: &Fit, mut candidates: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
         let here = self.evidence(base, scale);
-        // First fits leave derivatives that are roughly right.
-        let begin = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::FRESH };
+        let begin = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
         let finish = |mut candidate: Candidate, bar: f64| {
             candidate.fit.judged = base.judged + candidate.fit.squares - base.squares;
             let fit = candidate.fit.finish(&self.problem, scale, begin, bar).ok()?;

@@ -255,5 +255,6 @@ fn a_step_solves_its_equation_or_says_that_it_does_not() {
             Err(e) => panic!("{e}"),
         }
     }
-    assert!(solved > 500 && refused > 50, "{solved} solved, {refused} refused");
+    // Some are refused, or nothing is said of those here.
+    assert!(solved > 1900 && refused > 10, "{solved} solved, {refused} refused");
 }
