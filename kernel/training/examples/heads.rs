@@ -14,7 +14,7 @@ fn main() {
     let taught = lessons(number(2, 5_000), number(1, 200), false);
     for category in Category::ALL {
         let mut total = Score::default();
-        taught.iter().filter(|l| l.category == category).for_each(|l| total.add(&learn(&weights.matrices, l, true, None, None).unwrap()));
+        taught.iter().filter(|l| l.category == category).for_each(|l| total.add(&learn(&weights.matrices, l, true, None).unwrap()));
         println!("{:13} {:4} lessons  {}", category.name(), total.lessons, total.line());
     }
 }

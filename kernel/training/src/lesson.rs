@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
-use sagci_modelling::{CANDIDATES, FARTHEST, SAMPLES, Side, analyse, touching};
+use sagci_modelling::{FARTHEST, Side, analyse, touching};
 
 /// The network's inputs for one side.
 pub struct Inputs {
@@ -19,7 +19,6 @@ pub struct Inputs {
 }
 
 /// A true joint in the network's terms.
-#[derive(Debug, Clone)]
 pub struct JointTruth {
     /// Which candidate.
     pub candidate: usize,
@@ -47,57 +46,6 @@ pub struct Lesson {
     pub candidates: Matrix,
     /// Their joints.
     pub joints: Vec<JointTruth>,
-}
-
-/// Most superpoints that are left out of a lesson, as a share: of a thing that stands otherwise a camera does not see the same ones.
-const UNSEEN: f64 = 0.15;
-
-impl Inputs {
-    fn of(&self, kept: &[usize]) -> Self {
-        let n = self.pieces.nrows();
-        let points: Vec<usize> = kept.iter().flat_map(|i| i * SAMPLES..(i + 1) * SAMPLES).collect();
-        let pairs: Vec<usize> = kept.iter().flat_map(|i| kept.iter().map(move |j| i * n + j)).collect();
-        Self {
-            pieces: self.pieces.select_rows(kept),
-            points: self.points.select_rows(&points),
-            pairs: Arc::new(self.pairs.select_rows(&pairs)),
-        }
-    }
-
-    /// Without some of its superpoints.
-    fn thinned(&self, share: f64, random: &mut Random) -> (Self, Vec<usize>) {
-        let n = self.pieces.nrows();
-        let mut kept: Vec<usize> = (0..n).filter(|_| !random.chance(share)).collect();
-        if kept.is_empty() {
-            kept.extend(0..n);
-        }
-        (self.of(&kept), kept)
-    }
-}
-
-impl Lesson {
-    /// Without some of its superpoints: no answer ought to hang on a single one.
-    pub fn thinned(&self, random: &mut Random) -> Self {
-        let share = random.between(0.0, UNSEEN);
-        let (front, kept) = self.front.thinned(share, random);
-        let (other, _) = self.other.thinned(share, random);
-        let mut new: Vec<Option<usize>> = vec![None; self.class.len()];
-        kept.iter().enumerate().for_each(|(k, i)| new[*i] = Some(k));
-        let left: Vec<Vec<usize>> = self.parts.iter().map(|p| p.iter().filter_map(|i| new[*i]).collect()).collect();
-        let seen: Vec<usize> = (0..left.len()).filter(|k| !left[*k].is_empty()).collect();
-        let rows: Vec<usize> = seen.iter().flat_map(|k| k * CANDIDATES..(k + 1) * CANDIDATES).collect();
-        Self {
-            category: self.category,
-            front,
-            other,
-            class: kept.iter().map(|i| self.class[*i]).collect(),
-            part: kept.iter().map(|i| self.part[*i]).collect(),
-            weight: kept.iter().map(|i| self.weight[*i]).collect(),
-            parts: seen.iter().map(|k| left[*k].clone()).collect(),
-            candidates: self.candidates.select_rows(&rows),
-            joints: seen.iter().map(|k| self.joints[*k].clone()).collect(),
-        }
-    }
 }
 
 /// Number of a class in the network.

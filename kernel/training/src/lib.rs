@@ -96,11 +96,7 @@ pub fn train(
                 .par_iter()
                 .map(|i| {
                     let mut g = BTreeMap::new();
-                    let own = settings.seed.wrapping_mul(1_000_003).wrapping_add((epoch * lessons.len() + i) as u64);
-                    let mut thins = Random::new(own, "thinned");
-                    let lesson = lessons[*i].thinned(&mut thins);
-                    let wrong_side = (i + epoch).is_multiple_of(loss::WRONG_EVERY);
-                    learn(&weights, &lesson, wrong_side, Some(thins), Some(&mut g)).map(|s| (s, g))
+                    learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
                 })
                 .collect();
             // Summed in the order of the batch, so that the number of threads does not change a bit.
@@ -147,7 +143,7 @@ fn widen(to: &mut Matrix, known: &Matrix) {
 ///
 /// Errors: weights that do not fit the network.
 pub fn judge(weights: &BTreeMap<String, Matrix>, lessons: &[Lesson]) -> Result<Score, ModellingError> {
-    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, true, None, None)).collect();
+    let scores: Result<Vec<Score>, ModellingError> = lessons.par_iter().map(|l| learn(weights, l, true, None)).collect();
     let mut total = Score::default();
     scores?.iter().for_each(|s| total.add(s));
     Ok(total)

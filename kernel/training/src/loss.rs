@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use sagci_furniture::Random;
 use sagci_modelling::network::{CLASSES, Matrix, Network, Trunk, softmax_rows};
 use sagci_modelling::{CANDIDATES, ModellingError};
 
@@ -71,19 +70,17 @@ fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// Loss of one lesson; its gradients are added. The wrong side is looked at only if asked for: it is half the work, and one answer. With
-/// `thins` some of the network's numbers are left out, so that it learns to do without any one of them.
+/// Loss of one lesson; its gradients are added. The wrong side is looked at only if asked for: it is half the work, and one answer.
 ///
 /// Errors: weights that do not fit the network.
 pub fn learn(
     weights: &BTreeMap<String, Matrix>,
     lesson: &Lesson,
     wrong_side: bool,
-    thins: Option<Random>,
     gradients: Option<&mut BTreeMap<String, Matrix>>,
 ) -> Result<Score, ModellingError> {
     let n = lesson.class.len();
-    let mut tape = Tape::new(weights, thins);
+    let mut tape = Tape::new(weights);
     let mut network = Network::new(&mut tape);
     let front = trunk(&mut network, &lesson.front)?;
     let classes = network.classes(&front)?;

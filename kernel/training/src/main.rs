@@ -88,7 +88,7 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     for settings in a.rounds() {
         let taught = lessons(settings.seed, settings.objects, false);
         // Others of the same families: the held-out ones are for the evaluation alone.
-        let checked = lessons(settings.seed.wrapping_add(FRESH), 300, false);
+        let checked = lessons(settings.seed.wrapping_add(FRESH), 60, false);
         eprintln!("{} objects drawn and analysed in {:.0} s", taught.len(), start.elapsed().as_secs_f64());
         let trained = train(&settings, weights.as_ref(), &taught, &checked, &mut |line, so_far| {
             eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());

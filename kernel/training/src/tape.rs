@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use sagci_furniture::Random;
 use sagci_modelling::ModellingError;
 use sagci_modelling::network::{Algebra, Matrix, TINY, attention};
 
@@ -32,17 +31,12 @@ pub struct Tape<'a> {
     values: Vec<Matrix>,
     operations: Vec<Operation>,
     known: BTreeMap<String, Value>,
-    /// Says which numbers are left out, if any are.
-    thins: Option<Random>,
 }
 
-/// Share of numbers that are left out.
-const LEFT_OUT: f64 = 0.1;
-
 impl<'a> Tape<'a> {
-    /// An empty one over these weights; with `thins` some numbers are left out.
-    pub fn new(weights: &'a BTreeMap<String, Matrix>, thins: Option<Random>) -> Self {
-        Self { weights, values: Vec::new(), operations: Vec::new(), known: BTreeMap::new(), thins }
+    /// An empty one over these weights.
+    pub fn new(weights: &'a BTreeMap<String, Matrix>) -> Self {
+        Self { weights, values: Vec::new(), operations: Vec::new(), known: BTreeMap::new() }
     }
 
     fn push(&mut self, value: Matrix, operation: Operation) -> Value {
@@ -92,9 +86,7 @@ impl<'a> Tape<'a> {
                 }
                 Operation::Times(a, b) => {
                     add(&mut g, *a, d.component_mul(&self.values[*b]));
-                    if !matches!(self.operations[*b], Operation::Given) {
-                        add(&mut g, *b, d.component_mul(&self.values[*a]));
-                    }
+                    add(&mut g, *b, d.component_mul(&self.values[*a]));
                 }
                 Operation::Relu(a) => {
                     let d = d.zip_map(&self.values[at], |d, y| if y > 0.0 { d } else { 0.0 });
@@ -290,14 +282,5 @@ impl Algebra for Tape<'_> {
             weights.push(w);
         }
         self.push(out, Operation::Attend { q: *q, k: *k, v: *v, bias: *bias, weights })
-    }
-
-    fn thinned(&mut self, a: &Value) -> Value {
-        let Some(random) = &mut self.thins else { return *a };
-        // What stays stands for what is left out, so that sums are what they were.
-        let stays = (1.0 / (1.0 - LEFT_OUT)) as f32;
-        let mask = self.values[*a].map(|_| if random.chance(LEFT_OUT) { 0.0 } else { stays });
-        let mask = self.input(mask);
-        self.times(a, &mask)
     }
 }

@@ -26,7 +26,7 @@ fn gradients_agree_with_central_differences() {
     let lesson = taught.iter().find(|l| !l.joints.is_empty()).unwrap();
     let mut weights = train(&Settings { epochs: 2, ..SETTINGS }, None, &taught, &[], &mut |_, _| {}).unwrap().matrices;
     let mut gradients = BTreeMap::new();
-    learn(&weights, lesson, true, None, Some(&mut gradients)).unwrap();
+    learn(&weights, lesson, true, Some(&mut gradients)).unwrap();
     let mut agree = 0;
     for name in gradients.keys().cloned().collect::<Vec<_>>() {
         // The largest entry: single precision leaves little of small ones.
@@ -36,7 +36,7 @@ fn gradients_agree_with_central_differences() {
         let h = 2e-3 * (1.0 + value.abs());
         let mut loss = |x: f32| {
             weights.get_mut(&name).unwrap()[at] = x;
-            learn(&weights, lesson, true, None, None).unwrap().loss
+            learn(&weights, lesson, true, None).unwrap().loss
         };
         let difference = (loss(value + h) - loss(value - h)) / f64::from(2.0 * h);
         loss(value);

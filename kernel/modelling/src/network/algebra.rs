@@ -41,10 +41,6 @@ pub trait Algebra {
     fn means(&mut self, a: &Self::Value, lists: &[Vec<usize>]) -> Self::Value;
     /// Attention in heads (Vaswani et al. 2017) with a bias for each pair and head: row `i n + j`, column `head`.
     fn attend(&mut self, q: &Self::Value, k: &Self::Value, v: &Self::Value, bias: &Self::Value, heads: usize) -> Self::Value;
-    /// Numbers of which some are left out while learning (dropout; Srivastava et al. 2014), and none at any other time.
-    fn thinned(&mut self, a: &Self::Value) -> Self::Value {
-        a.clone()
-    }
 }
 
 /// Values that are just evaluated.

@@ -74,12 +74,10 @@ impl<'a, A: Algebra> Network<'a, A> {
             let v = self.linear(&name("v"), &x, WIDTH, WIDTH)?;
             let seen = self.algebra.attend(&q, &k, &v, &bias, HEADS);
             let seen = self.linear(&name("out"), &seen, WIDTH, WIDTH)?;
-            let seen = self.algebra.thinned(&seen);
             let sum = self.algebra.add(&x, &seen);
             x = self.norm(&name("norm.1"), &sum)?;
             let h = self.hidden(&name("wide"), &x, WIDTH, 2 * WIDTH)?;
             let h = self.linear(&name("narrow"), &h, 2 * WIDTH, WIDTH)?;
-            let h = self.algebra.thinned(&h);
             let sum = self.algebra.add(&x, &h);
             x = self.norm(&name("norm.2"), &sum)?;
         }
@@ -91,7 +89,6 @@ impl<'a, A: Algebra> Network<'a, A> {
     /// Errors: as [`Self::trunk`].
     pub fn classes(&mut self, trunk: &Trunk<A::Value>) -> Result<A::Value, ModellingError> {
         let h = self.hidden("class.1", &trunk.state, WIDTH, WIDTH)?;
-        let h = self.algebra.thinned(&h);
         self.linear("class.2", &h, WIDTH, CLASSES)
     }
 
@@ -111,7 +108,6 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.algebra.beside(&sum, &product);
         let x = self.algebra.beside(&x, &geometry);
         let x = self.hidden("same.1", &x, 64 + PAIR, 48)?;
-        let x = self.algebra.thinned(&x);
         self.linear("same.2", &x, 48, 1)
     }
 
@@ -121,7 +117,6 @@ impl<'a, A: Algebra> Network<'a, A> {
     pub fn front(&mut self, trunk: &Trunk<A::Value>, n: usize) -> Result<A::Value, ModellingError> {
         let all = self.algebra.means(&trunk.state, &[(0..n).collect()]);
         let h = self.hidden("front.1", &all, WIDTH, 32)?;
-        let h = self.algebra.thinned(&h);
         self.linear("front.2", &h, 32, 1)
     }
 
@@ -145,7 +140,6 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.algebra.beside(&own, &all);
         let x = self.algebra.beside(&x, &given);
         let x = self.hidden("joint.1", &x, 2 * WIDTH + CANDIDATE, 96)?;
-        let x = self.algebra.thinned(&x);
         let x = self.hidden("joint.2", &x, 96, 48)?;
         self.linear("joint.3", &x, 48, 3)
     }
