@@ -152,23 +152,27 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
             break;
         };
-        // A force below what any model is off by needs no second name, where the likeliest alone says what the plainer one and it say.
-        if let Some(mut instead) = passed.take().filter(|_| force < MATERIAL)
-            && let Some(last) = chosen.last()
-            // One that cannot be simulated any more is out.
-            && let Ok(alone) = instead[0].fit.under(&search.problem)
-        {
-            let alone = search.settle(&alone, scale);
-            if search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING {
+        // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
+        // alone says what the plainer one and this say, that is the shape.
+        if !chosen.is_empty() && force < MATERIAL && search.force_between(&current, &settled)? < MATERIAL {
+            let alone = match passed.take() {
+                // One that cannot be simulated any more is out.
+                Some(instead) => instead[0].fit.under(&search.problem).ok().map(|fit| (search.settle(&fit, scale), instead)),
+                None => None,
+            };
+            if let Some((alone, mut instead)) = alone
+                && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
+                && let Some(last) = chosen.pop()
+            {
                 say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
                 instead[0].fit = alone.clone();
                 let before = last.best.evidence - last.gain;
-                let choice = Choice::new(&instead, before, last.nameless, last.explained, scale);
-                chosen.pop();
-                chosen.push(choice);
+                chosen.push(Choice::new(&instead, before, last.nameless, last.explained, scale));
                 current = alone;
                 continue;
             }
+            lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
+            break;
         }
         let explained = search.explained(&current, &best.fit);
         passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);

@@ -199,12 +199,11 @@ impl<'a> Search<'a> {
         gain > CONVINCING || gain > 1.0 && gap(other) <= gap(settled)
     }
 
-    /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it is the first and adds up
-    /// to a good part of the gap: a small loss does over a long swing. Beside what is named already it is what the shape of that is off by. `force` is [`Self::force_between`] the two fits. Of a large force the gap is not
+    /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
+    /// of the gap: a small loss does over a long swing. `force` is [`Self::force_between`] the two fits. Of a large force the gap is not
     /// asked: where a model sticks or hits something, windows go one way or the other by little.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
-        let second = !entries(&less.hypothesis).is_empty();
-        if force < TRIFLE || second && force < MATERIAL || self.shifts_little(more) {
+        if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
         if force >= LARGE {
