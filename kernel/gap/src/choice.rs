@@ -72,7 +72,7 @@ impl Search<'_> {
         fit: &Fit,
         entry: usize,
         choice: &Choice,
-        covariance: Option<&nalgebra::DMatrix<f64>>,
+        variances: Option<&[f64]>,
         held_out: Option<f64>,
         agrees: bool,
     ) -> NamedEffect {
@@ -85,7 +85,7 @@ impl Search<'_> {
             if *e != entry {
                 continue;
             }
-            let deviation = covariance.map_or(f64::INFINITY, |c| c[(i, i)].max(0.0).sqrt()) * NORMAL_95;
+            let deviation = variances.map_or(f64::INFINITY, |v| v[i].max(0.0).sqrt()) * NORMAL_95;
             let (x, [low, high]) = (hypothesis.x[i], fitted.bounds);
             let end = |x: f64| fitted.value(x.clamp(low, high));
             let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };

@@ -69,6 +69,8 @@ const NEAR_FLOOR: f64 = 1.2;
 const CERTAIN: f64 = 100.0;
 /// How much more than all names a force without a name has to say before they are only its nearest neighbours.
 const NEIGHBOUR: f64 = 2.0;
+/// Share of the gap that names may leave where much more is left than noise makes.
+const MOST_OF_IT: f64 = 0.5;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -270,21 +272,45 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let mut remainder = search.nameless(&current, scale)?;
     // Names that explain less than a force without a name does are that force's nearest neighbours, no more.
     let nameless = search.nameless(&refitted, scale)?;
-    if let (Some(left), Some((joint, all))) = (&remainder, nameless)
+    let mut drop_all = |chosen: &mut Vec<Choice>, current: &mut Fit, why: &str| {
+        contradicted
+            .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
+        *current = refitted.clone();
+    };
+    if let (Some(left), Some((_, all))) = (&remainder, &nameless)
         && !chosen.is_empty()
         && left.1.evidence > 2.0 * CONVINCING
         && left.1.force > MATERIAL * search.typical_force()[left.0]
         && all.evidence > NEIGHBOUR * (search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale))
     {
-        for gone in chosen.drain(..) {
-            let reason = "comes near, but a force without a name fits better".to_owned();
-            contradicted.push(Reason { name: gone.best.effect.into(), reason });
-        }
-        remainder = Some((joint, all));
-        current = refitted.clone();
+        drop_all(&mut chosen, &mut current, "a force without a name fits better");
+        remainder.clone_from(&nameless);
     }
 
-    let covariance = current.covariance(scale);
+    say("predicting over windows, beside other ways");
+    let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
+    let (predicted, mut others) = rayon::join(
+        || predict(&current),
+        || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
+    );
+    let (mut gap, mut predicted) = predicted?;
+    // So are names that leave most of the gap, where much more is left than noise makes.
+    let mut are_far = false;
+    if nameless.is_some() && !chosen.is_empty() {
+        let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
+        let much_left = is_far(shown) || remainder.as_ref().is_some_and(|(_, n)| n.evidence > CERTAIN);
+        are_far = much_left && shown.after > MOST_OF_IT * shown.refitted;
+        if are_far {
+            drop_all(&mut chosen, &mut current, "most of the gap is left");
+            remainder.clone_from(&nameless);
+            (gap, predicted) = predict(&current)?;
+        }
+    }
+
+    let variances = match chosen.is_empty() {
+        true => None,
+        false => search.anew(&current).variances(&search.problem, scale),
+    };
     let lacking: f64 = search.explained_force(&current, &refitted)?;
     let mut effects_found = Vec::new();
     let final_entries = entries(&current.hypothesis);
@@ -292,19 +318,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let Some(entry) = final_entries.get(i).copied() else { continue };
         choice.equivalent = search.alike(choice, &refitted, &current)?;
         let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.confirms()));
-        effects_found.push(search.describe(&current, entry, choice, covariance.as_ref(), held_out, agrees));
+        effects_found.push(search.describe(&current, entry, choice, variances.as_deref(), held_out, agrees));
     }
 
-    say("predicting over windows, beside other ways");
-    let (predicted, others) = rayon::join(
-        || gaps(&search, model, &given, &refitted, &current, &trajectories, &unseen, options),
-        || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
-    );
-    let (gap, predicted) = predicted?;
     // What is left.
     let typical = search.typical_force();
     // Windows that are far off say so even where the force is small beside others.
-    let is_far = |gap: &Gap| gap.after > FAR * gap.noise_floor;
     let off = is_far(&gap.train);
     // Where nothing is named and data that nothing was fitted to are far off, something is missing that the known numbers hide where they are
     // fitted. What many joints are off by is mostly chance: nothing holds them.
@@ -316,7 +335,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
         let likely = n.evidence > if at_the_floor { CERTAIN } else { 0.0 };
-        (lacks || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
+        (lacks || are_far || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
             over: n.over.into(),
@@ -339,7 +358,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let (tried, kept) = learned_remainder(&search, &measure, &current, scale, [shown.after, shown.noise_floor], options.seed)?;
         (residual, learned) = (Some(tried), kept);
     }
-    let mut others = others;
     if options.baselines {
         others.insert("no_model_change".into(), shown.before);
     }
@@ -387,6 +405,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         seconds: clock.elapsed().as_secs_f64(),
     };
     Ok(Found { report, model: found, residual: learned, figures })
+}
+
+/// Is a gap much larger than noise makes it?
+fn is_far(gap: &Gap) -> bool {
+    gap.after > FAR * gap.noise_floor
 }
 
 fn best_three(candidates: &[Candidate], here: f64) -> String {

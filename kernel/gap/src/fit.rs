@@ -132,6 +132,22 @@ impl<'a> Problem<'a> {
         Self { rough: true, ..self.clone() }
     }
 
+    /// Derivatives of the errors by some of the numbers, by differences to both sides.
+    fn central_jacobian(&self, hypothesis: &Hypothesis, which: &[usize]) -> Result<Vec<DVector<f64>>, GapError> {
+        let column = |&p: &usize| {
+            let (x, fitted) = (hypothesis.x[p], &hypothesis.fitted[p]);
+            let reach = WIDE * fitted.difference;
+            let sides = [(x - reach).max(fitted.bounds[0]), (x + reach).min(fitted.bounds[1])];
+            let at = |x: f64| {
+                let mut moved = hypothesis.x.clone();
+                moved[p] = x;
+                self.errors(hypothesis, &moved)
+            };
+            Ok((at(sides[1])? - at(sides[0])?) / (sides[1] - sides[0]))
+        };
+        which.par_iter().map(column).collect()
+    }
+
     /// Derivatives of the errors by some of the numbers, by differences on the side where there is room.
     pub fn jacobian(
         &self,
@@ -198,6 +214,9 @@ const TRIES: usize = 6;
 const HOPE: f64 = 5.0;
 /// Share of a cost beyond noise that is no progress.
 const TRIFLE: f64 = 2e-4;
+/// How much farther than other differences those to both sides reach: whether a joint sticks a row sooner or later is chance, and what that
+/// does to a derivative falls with its reach, while curvature cancels.
+const WIDE: f64 = 4.0;
 /// Rows of derivatives that are multiplied at a time.
 const BLOCK: usize = 2048;
 /// Most rows over which errors go on.
@@ -378,9 +397,43 @@ impl Fit {
         Ok(self)
     }
 
-    /// Covariance of what was fitted.
-    pub fn covariance(&self, scale: f64) -> Option<DMatrix<f64>> {
-        Some(Cholesky::new(self.normal(scale).0)?.inverse())
+    /// The same with derivatives taken where it stands, but for those that are frozen: by differences to both sides. On one side those of
+    /// a joint that sticks are not those on the other, and numbers that the data cannot tell from one another seem well known.
+    pub fn differentiated(mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<Self, GapError> {
+        let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
+        let which: Vec<usize> = (jacobian.len()..self.hypothesis.x.len()).collect();
+        jacobian.extend(problem.central_jacobian(&self.hypothesis, &which)?);
+        self.jacobian = jacobian;
+        self.since = 0.0;
+        Ok(self)
+    }
+
+    /// Variances of what was fitted. Errors that a model leaves go together for a while, and are larger here than there: so that each number
+    /// gets the larger of what independent errors make, `H^-1`, and of `H^-1 B H^-1`, where `B` is what stretches of the data, taken as
+    /// independent of one another, add to the slope (White 1982; Liang and Zeger 1986). `None` where the data do not fix the numbers.
+    pub fn variances(&self, problem: &Problem<'_>, scale: f64) -> Option<Vec<f64>> {
+        let (normal, _) = self.normal(scale);
+        let inverse = Cholesky::new(normal)?.inverse();
+        let p = self.jacobian.len();
+        let (weight, mut first) = (1.0 / (scale * scale), 0);
+        let mut slopes: Vec<DVector<f64>> = Vec::new();
+        for t in problem.trajectories {
+            let end = first + t.rows() * t.joints;
+            while first < end {
+                let rows = (LAGS * t.joints).min(end - first);
+                let errors = self.errors.rows(first, rows);
+                slopes.push(DVector::from_iterator(p, self.jacobian.iter().map(|j| -weight * j.rows(first, rows).dot(&errors))));
+                first += rows;
+            }
+        }
+        let prior = self.hypothesis.fitted.iter().map(|f| 1.0 / (f.prior[1] * f.prior[1]));
+        let mut B = DMatrix::from_diagonal(&DVector::from_iterator(p, prior));
+        // Slopes add up to nothing at the end of a fit, so that fewer of them are free. Of few stretches nothing is learned.
+        let count = slopes.len() as f64;
+        let free = if count > p as f64 { count / (count - p as f64) } else { 0.0 };
+        slopes.iter().for_each(|g| B.ger(free, g, g, 1.0));
+        let together = &inverse * B * &inverse;
+        Some((0..p).map(|i| inverse[(i, i)].max(together[(i, i)])).collect())
     }
 }
 

@@ -49,8 +49,9 @@ impl<'a> Measure<'a> {
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
         let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
-        let smoothed = Smoothed::new(&made(crate::search::STEP)?, self.data, &self.noise)?;
-        Ok(smoothed.pooled(&made(FINE)?, self.data, self.window, &self.ranges))
+        let fine = made(FINE)?;
+        let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
+        Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
     }
 }
 
@@ -82,21 +83,22 @@ pub(crate) fn gaps(
     let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Window>>), GapError> {
         // By the data alone, so that anyone who has them finds the same figures.
         let noise = noise::of_motion(data, n, FLOOR);
+        let found = |data: &[Trajectory]| Smoothed::roughly(&followers[2], &plants[2], data, &noise);
         let both: Vec<(Figures, Vec<Window>)> = plants
             .par_iter()
             .zip(&followers)
             .map(|(plant, follower)| {
                 // A model that gets lost along the data starts its windows where the found one does.
-                let smoothed = Smoothed::new(follower, data, &noise).or_else(|_| Smoothed::new(&followers[2], data, &noise))?;
+                let smoothed = Smoothed::new(follower, data, &noise).or_else(|_| found(data))?;
                 Ok(smoothed.figures(plant, data, options.window, &ranges))
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
         let efforts: Vec<f64> = (0..n).map(|j| noise::of_efforts(data, j)).collect();
         let likely = noise.likely(&followers[2], data);
-        let smoothed = Smoothed::new(&followers[2], data, &noise)?;
+        let smoothed = found(data)?;
         let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), (options.window, &ranges), options.seed);
-        let (floor, _) = Smoothed::new(&followers[2], &invented, &noise)?.figures(&plants[2], &invented, options.window, &ranges);
+        let (floor, _) = found(&invented)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {
                 let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];

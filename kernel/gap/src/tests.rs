@@ -12,11 +12,12 @@ use sagci_recording::{JointLog, Log, Series};
 use crate::fit::{Derivatives, Effort, Fit};
 use crate::hypothesis::Hypothesis;
 use crate::noise;
+use crate::observer::Noise;
 use crate::plant::Plant;
 use crate::response::Response;
 use crate::search::Search;
 use crate::trajectory::Trajectory;
-use crate::windows::Smoothed;
+use crate::windows::{Smoothed, likely_noise};
 
 pub(crate) fn door() -> ObjectModel {
     ObjectModel::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/mujoco/b")).unwrap()
@@ -195,6 +196,41 @@ fn inertial_numbers_that_show_alike_are_one() {
     let room = known.fitted.iter().find(|f| f.unit == "1" || f.unit == "m").unwrap();
     let same = all.fitted.iter().find(|f| f.knob == room.knob).unwrap();
     assert!(room.bounds[1] > same.bounds[1]);
+}
+
+/// Errors of a model that lacks something go together, and say less than as many that noise makes: intervals that did not know held the truth
+/// three times in four.
+#[test]
+fn an_interval_is_wider_where_the_model_lacks_something() {
+    let wider = |truth: &ObjectModel| {
+        let model = door();
+        let trajectories = [Trajectory::new(&swing(truth, 2e-4, 1), &model).unwrap()];
+        let search = Search::new(&model, &trajectories).unwrap();
+        let fit = search.anew(&search.known(&model, 1.0).unwrap());
+        let scale = search.scale(&fit);
+        let alone = fit.normal(scale).0.try_inverse().unwrap();
+        let variances = fit.variances(&search.problem, scale).unwrap();
+        variances.iter().enumerate().map(|(i, v)| v / alone[(i, i)]).fold(0.0, f64::max)
+    };
+    let lacking = wider(&with(&door(), "torque_ripple", &[("amplitude", 0.1), ("cycles_per_turn", 5.0), ("phase", 0.3)]));
+    let right = wider(&door());
+    assert!(right < 3.0, "{right}");
+    assert!(lacking > 3.0 * right, "{lacking} against {right}");
+}
+
+/// An arm that falls gets away from an observer that follows softly, and its run ends: then the noise under which it is followed is looked
+/// for, however far that is.
+#[test]
+fn a_motion_that_a_soft_observer_loses_is_followed_more_closely() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let plant = Plant::new(&model, &search.problem.limits, 2.5e-3).unwrap();
+    let noise = search.problem.noise(&plant);
+    let lost = Noise { position: vec![f64::NAN], ..noise.clone() };
+    let at = |factors: [f64; 2]| if factors[1] < 16.0 { lost.clone() } else { noise.times(factors) };
+    let [_, found] = likely_noise(&plant, &trajectories, &at, [0.0, f64::INFINITY]);
+    assert!(found >= 16.0, "{found}");
 }
 
 /// Windows of the right model on its own noiseless data are off by no more than the integrator is.

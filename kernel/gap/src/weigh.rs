@@ -56,6 +56,12 @@ impl<'a> Search<'a> {
         Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
     }
 
+    /// A fit with derivatives where it stands, as far as the simulator gives them.
+    pub fn anew(&self, fit: &Fit) -> Fit {
+        let fresh = || fit.clone().differentiated(&self.problem, self.known_columns(fit)?.as_deref());
+        fresh().unwrap_or_else(|_| fit.clone())
+    }
+
     /// Derivatives by known numbers, where a run for each would be most of the work.
     fn known_columns(&self, fit: &Fit) -> Result<Option<Vec<DVector<f64>>>, GapError> {
         self.many_joints().then(|| self.derivatives_by_known(fit)).transpose()

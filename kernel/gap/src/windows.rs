@@ -88,7 +88,8 @@ pub(crate) fn likely_noise(
                 } else {
                     worse += 1;
                 }
-                if worse > 1 {
+                // An observer that follows too softly loses an arm that falls, whatever the factors nearby.
+                if worse > 1 && best.0.is_finite() {
                     break;
                 }
             }
@@ -190,6 +191,11 @@ impl Smoothed {
             runs.push(run);
         }
         Ok(Self { runs })
+    }
+
+    /// The same with a plant that takes longer steps first: following the data takes no finer ones, unless it gets lost with these.
+    pub fn roughly(rough: &Plant, fine: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
+        Self::new(rough, trajectories, noise).or_else(|_| Self::new(fine, trajectories, noise))
     }
 
     fn set(&self, motion: &mut Motion, trajectory: &Trajectory, index: usize, row: usize) {
