@@ -64,8 +64,9 @@ pub struct Found {
 const MOST: usize = 4;
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
-/// How many times its noise floor a gap is that cannot be smaller, and the evidence that a force without a name needs there.
+/// How many times its noise floor a gap is that cannot be smaller.
 const NEAR_FLOOR: f64 = 1.2;
+/// Evidence of a force without a name that is there though the gap hardly shows it.
 const CERTAIN: f64 = 100.0;
 /// How much more than all names a force without a name has to say before they are only its nearest neighbours.
 const NEIGHBOUR: f64 = 2.0;
@@ -151,7 +152,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         };
         let Some(settled) = settled.filter(|_| there) else {
             nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
-            lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
+            lost = beside(&candidates, here);
             break;
         };
         // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
@@ -173,7 +174,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 current = alone;
                 continue;
             }
-            lost = candidates.iter().map(|c| (c.effect, c.evidence - here)).collect();
+            lost = beside(&candidates, here);
             break;
         }
         let explained = search.explained(&current, &best.fit);
@@ -295,12 +296,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     );
     let (mut gap, mut predicted) = predicted?;
     // So are names that leave most of the gap, where much more is left than noise makes.
-    let mut are_far = false;
+    let mut come_near = false;
     if nameless.is_some() && !chosen.is_empty() {
         let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-        let much_left = is_far(shown) || remainder.as_ref().is_some_and(|(_, n)| n.evidence > CERTAIN);
-        are_far = much_left && shown.after > MOST_OF_IT * shown.refitted;
-        if are_far {
+        come_near = is_far(shown) && shown.after > MOST_OF_IT * shown.refitted;
+        if come_near {
             drop_all(&mut chosen, &mut current, "most of the gap is left");
             remainder.clone_from(&nameless);
             (gap, predicted) = predict(&current)?;
@@ -335,7 +335,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
         let likely = n.evidence > if at_the_floor { CERTAIN } else { 0.0 };
-        (lacks || are_far || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
+        (lacks || come_near || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
             over: n.over.into(),
@@ -405,6 +405,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         seconds: clock.elapsed().as_secs_f64(),
     };
     Ok(Found { report, model: found, residual: learned, figures })
+}
+
+/// Candidates, and what each says beyond the model without it.
+fn beside(candidates: &[Candidate], here: f64) -> Vec<(&'static str, f64)> {
+    candidates.iter().map(|c| (c.effect, c.evidence - here)).collect()
 }
 
 /// Is a gap much larger than noise makes it?
