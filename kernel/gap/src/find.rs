@@ -68,8 +68,10 @@ const FAR: f64 = 3.0;
 const NEAR_FLOOR: f64 = 1.2;
 /// Evidence of a force without a name that is there though the gap hardly shows it.
 const CERTAIN: f64 = 100.0;
-/// How much more than all names a force without a name has to say before they are only its nearest neighbours.
-const NEIGHBOUR: f64 = 2.0;
+/// What a force that names leave over is of theirs, from which on they may be its neighbours alone, and the share of what they say that one
+/// without a name has to say then: its knots cost it what a shape that is right does not pay.
+const GOOD_PART: f64 = 0.1;
+const NEARLY: f64 = 0.9;
 /// Share of the gap that names may leave where much more is left than noise makes.
 const MOST_OF_IT: f64 = 0.5;
 /// Share of the lacking force below which nobody minds that it has no name.
@@ -271,7 +273,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         confirmed.clear();
     }
     let mut remainder = search.nameless(&current, scale)?;
-    // Names that explain less than a force without a name does are that force's nearest neighbours, no more.
+    // Names that leave a good part of the force over are the nearest neighbours, no more, of one without a name that says nearly as much as all
+    // of them.
     let nameless = search.nameless(&refitted, scale)?;
     let mut drop_all = |chosen: &mut Vec<Choice>, current: &mut Fit, why: &str| {
         contradicted
@@ -282,7 +285,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         && !chosen.is_empty()
         && left.1.evidence > 2.0 * CONVINCING
         && left.1.force > MATERIAL * search.typical_force()[left.0]
-        && all.evidence > NEIGHBOUR * (search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale))
+        && left.1.force > GOOD_PART * search.explained_force(&current, &refitted)?
+        && all.evidence > NEARLY * (search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale))
     {
         drop_all(&mut chosen, &mut current, "a force without a name fits better");
         remainder.clone_from(&nameless);
@@ -299,7 +303,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let mut come_near = false;
     if nameless.is_some() && !chosen.is_empty() {
         let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-        come_near = is_far(shown) && shown.after > MOST_OF_IT * shown.refitted;
+        let sure = remainder.as_ref().is_some_and(|(_, left)| left.evidence > 2.0 * CONVINCING);
+        come_near = sure && is_far(shown) && shown.after > MOST_OF_IT * shown.refitted;
         if come_near {
             drop_all(&mut chosen, &mut current, "most of the gap is left");
             remainder.clone_from(&nameless);

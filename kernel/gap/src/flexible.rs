@@ -1,15 +1,15 @@
 //! "None of these": a force without a name, as a hypothesis of its own.
 //!
-//! Forces over bins of what a missing effect can depend on, each with a normal prior of one size, are a Gaussian process with
-//! piecewise constant functions. In the linear response its evidence against no force at all is closed (MacKay 1992):
+//! Forces at knots over what a missing effect can depend on, linear between them, each with a normal prior of one size, are a Gaussian
+//! process. In the linear response its evidence against no force at all is closed (MacKay 1992):
 //!
 //! ```text
 //! ln Z = 1/2 b^T (A + s^2/a^2)^-1 b / s^2 - 1/2 ln det(1 + a^2 A / s^2),   A = D^T D,  b = -D^T e
 //! ```
 //!
-//! with `D` the changes of the errors by a unit force in each bin, behind what the model's own numbers can explain.
+//! with `D` the changes of the errors by a unit force at each knot, behind what the model's own numbers can explain.
 
-use nalgebra::{Cholesky, DMatrix};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::Serialize;
 
 use crate::response::Response;
@@ -52,20 +52,20 @@ pub(crate) struct Place {
     pub since: f64,
 }
 
-type Key = fn(&Place, &Scale) -> (usize, f64);
-
-/// Ranges of what bins are over.
-#[derive(Debug, Clone, Copy)]
-struct Scale {
-    q: [f64; 2],
-    v: f64,
-    input: f64,
-    run: f64,
+/// What a force may be over.
+struct Group {
+    over: &'static str,
+    knots: usize,
+    /// Where a row is.
+    at: fn(&Place) -> f64,
+    /// What the force there is times.
+    times: fn(&Place) -> f64,
+    /// The force may jump where the place changes its sign.
+    jumps: bool,
 }
 
-fn bin(x: f64, low: f64, high: f64, count: usize) -> usize {
-    ((((x - low) / (high - low).max(1e-12)) * count as f64) as usize).min(count - 1)
-}
+/// Rows that a knot has to reach.
+const FEWEST: usize = 10;
 
 fn sign(v: f64) -> f64 {
     if v > 0.0 {
@@ -77,41 +77,64 @@ fn sign(v: f64) -> f64 {
     }
 }
 
-/// Bins, and the factor on the force in them.
-const GROUPS: [(&str, usize, Key); 9] = [
-    ("position", 16, |p, s| (bin(p.q, s.q[0], s.q[1], 16), 1.0)),
-    ("position and direction", 16, |p, s| (bin(p.q, s.q[0], s.q[1], 16), sign(p.v))),
-    ("position times velocity", 12, |p, s| (bin(p.q, s.q[0], s.q[1], 12), p.v / s.v)),
-    ("velocity", 20, |p, s| (bin(p.v, -s.v, s.v, 20), 1.0)),
-    ("input and direction", 8, |p, s| (bin(p.input.abs(), 0.0, s.input, 8), sign(p.v))),
-    ("input", 12, |p, s| (bin(p.input, -s.input, s.input, 12), 1.0)),
-    ("time since reversal and direction", 8, |p, _| (bin(p.since.max(1e-3).ln(), 1e-3f64.ln(), 5f64.ln(), 8), sign(p.v))),
-    ("time", 64, |p, s| (bin(p.run, 0.0, s.run, 64), 1.0)),
-    ("time times velocity", 24, |p, s| (bin(p.run, 0.0, s.run, 24), p.v / s.v)),
+const GROUPS: [Group; 9] = [
+    Group { over: "position", knots: 16, at: |p| p.q, times: |_| 1.0, jumps: false },
+    Group { over: "position and direction", knots: 16, at: |p| p.q, times: |p| sign(p.v), jumps: false },
+    Group { over: "position times velocity", knots: 12, at: |p| p.q, times: |p| p.v, jumps: false },
+    Group { over: "velocity", knots: 16, at: |p| p.v, times: |_| 1.0, jumps: true },
+    Group { over: "input and direction", knots: 8, at: |p| p.input.abs(), times: |p| sign(p.v), jumps: false },
+    Group { over: "input", knots: 12, at: |p| p.input, times: |_| 1.0, jumps: false },
+    Group { over: "time since reversal and direction", knots: 8, at: |p| p.since, times: |p| sign(p.v), jumps: false },
+    Group { over: "time", knots: 64, at: |p| p.run, times: |_| 1.0, jumps: false },
+    Group { over: "time times velocity", knots: 24, at: |p| p.run, times: |p| p.v, jumps: false },
 ];
+
+impl Group {
+    /// Forces along the rows, one at a knot and none at those beside it. Knots lie where the data do.
+    fn shapes(&self, places: &[Place]) -> Vec<Vec<f64>> {
+        let sides: &[f64] = if self.jumps { &[-1.0, 1.0] } else { &[0.0] };
+        let most = places.iter().map(|p| (self.times)(p).abs()).fold(1e-9, f64::max);
+        let mut shapes = Vec::new();
+        for side in sides {
+            let at = |p: &Place| if *side == 0.0 { (self.at)(p) } else { (side * (self.at)(p)).max(0.0) };
+            let is_here = |p: &Place| *side == 0.0 || side * (self.at)(p) > 0.0;
+            let knots = quantiles(places.iter().filter(|p| is_here(p)).map(at).collect(), self.knots);
+            for k in 0..knots.len() {
+                let weight = |x: f64| {
+                    let beside = if x < knots[k] { k.checked_sub(1) } else { Some(k + 1) };
+                    match beside.and_then(|i| knots.get(i)) {
+                        Some(next) => (1.0 - (x - knots[k]) / (next - knots[k])).max(0.0),
+                        None => 1.0,
+                    }
+                };
+                let force = |p: &Place| if is_here(p) { weight(at(p)) * (self.times)(p) / most } else { 0.0 };
+                let forces: Vec<f64> = places.iter().map(force).collect();
+                if forces.iter().filter(|f| **f != 0.0).count() >= FEWEST {
+                    shapes.push(forces);
+                }
+            }
+        }
+        shapes
+    }
+}
+
+/// Values that as many others lie between, the first and the last among them.
+fn quantiles(mut values: Vec<f64>, count: usize) -> Vec<f64> {
+    values.sort_by(f64::total_cmp);
+    let Some(last) = values.len().checked_sub(1) else { return Vec::new() };
+    let mut knots: Vec<f64> = (0..count).map(|i| values[last * i / (count - 1)]).collect();
+    let range = values[last] - values[0];
+    knots.dedup_by(|b, a| *b - *a <= 1e-6 * range);
+    knots
+}
 
 /// The most likely force without a name on a joint, on top of a fitted model.
 pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) -> Option<Nameless> {
     let places = response.places();
-    let fold = |f: fn(&Place) -> f64| places.iter().map(f).fold([f64::MAX, f64::MIN], |[a, b], x| [a.min(x), b.max(x)]);
-    let ranges = Scale {
-        q: fold(|p| p.q),
-        v: fold(|p| p.v.abs())[1].max(1e-9),
-        input: fold(|p| p.input.abs())[1].max(1e-9),
-        run: fold(|p| p.run)[1].max(1e-9),
-    };
     let mut best: Option<Nameless> = None;
-    for (over, count, key) in GROUPS {
-        let keys: Vec<(usize, f64)> = places.iter().map(|p| key(p, &ranges)).collect();
-        let mut columns = Vec::new();
-        let mut bins = Vec::new();
-        for b in 0..count {
-            let forces: Vec<f64> = keys.iter().map(|(at, factor)| if *at == b { *factor } else { 0.0 }).collect();
-            if forces.iter().filter(|f| **f != 0.0).count() >= 10 {
-                columns.push(response.errors_of(&forces));
-                bins.push(b);
-            }
-        }
+    for group in GROUPS {
+        let shapes = group.shapes(&places);
+        let columns: Vec<DVector<f64>> = shapes.iter().map(|forces| response.errors_of(forces)).collect();
         if columns.is_empty() {
             continue;
         }
@@ -126,13 +149,14 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
             let determinant = 2.0 * factor.l().diagonal().map(f64::ln).sum() - k as f64 * ratio.ln();
             let evidence = 0.5 * right.dot(&force) / variance - 0.5 * determinant;
             if best.as_ref().is_none_or(|b| evidence > b.evidence) {
-                let mut by_bin = vec![0.0; count];
-                for (b, f) in bins.iter().zip(force.iter()) {
-                    by_bin[*b] = *f;
+                let mut along = vec![0.0; places.len()];
+                for (shape, size) in shapes.iter().zip(force.iter()) {
+                    for (sum, one) in along.iter_mut().zip(shape) {
+                        *sum += size * one;
+                    }
                 }
-                let along: Vec<f64> = keys.iter().map(|(b, factor)| by_bin[*b] * factor).collect();
                 let square = along.iter().map(|f| f * f).sum::<f64>();
-                best = Some(Nameless { over, evidence, force: (square / along.len() as f64).sqrt(), region: region(&places, &along) });
+                best = Some(Nameless { over: group.over, evidence, force: (square / along.len() as f64).sqrt(), region: region(&places, &along) });
             }
         }
     }
