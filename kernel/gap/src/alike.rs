@@ -8,7 +8,6 @@
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
 //!   weak by a share is a little more of all of it.
 
-use crate::GapError;
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::search::Search;
@@ -16,8 +15,6 @@ use crate::starts::Seen;
 
 /// Range over which a sine is a line, rad.
 const SHORT: f64 = std::f64::consts::FRAC_PI_3;
-/// Share of the joint's typical force below which gravity does not move it.
-const NONE: f64 = 1e-3;
 
 /// What of a joint and its data decides.
 #[derive(Debug, Clone, Copy)]
@@ -28,8 +25,6 @@ pub(crate) struct Circumstances {
     pub turns: bool,
     /// Range of its measured positions, rad or m.
     pub range: f64,
-    /// Gravity moves it.
-    pub gravity: bool,
     /// What its data can show.
     pub seen: Seen,
 }
@@ -41,26 +36,26 @@ pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'
         "transport_delay" if at.seen.commanded => &["clock_skew"],
         "clock_skew" if at.seen.commanded => &["transport_delay"],
         "joint_spring" if short => &["hinge_tilt"],
-        "hinge_tilt" if short && at.alone && at.gravity => &["joint_spring", "encoder_offset", "joint_axis_error"],
-        "hinge_tilt" if at.alone && at.gravity => &["encoder_offset", "joint_axis_error"],
+        "hinge_tilt" if short && at.alone && at.seen.weighed => &["joint_spring", "encoder_offset", "joint_axis_error"],
+        "hinge_tilt" if at.alone && at.seen.weighed => &["encoder_offset", "joint_axis_error"],
         "hinge_tilt" if short && at.alone => &["joint_spring", "joint_axis_error"],
         "hinge_tilt" if short => &["joint_spring"],
         "hinge_tilt" if at.alone => &["joint_axis_error"],
-        "encoder_offset" if at.alone && at.gravity && !scaled => &["hinge_tilt", "joint_axis_error"],
+        "encoder_offset" if at.alone && at.seen.weighed && !scaled => &["hinge_tilt", "joint_axis_error"],
         "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
-        "torque_bias" if short && at.gravity => &["hinge_tilt"],
-        "payload" if at.alone && !at.gravity && at.seen.commanded => &["armature_inertia", "torque_gain"],
-        "armature_inertia" if at.alone && !at.gravity => &["payload", "torque_gain"],
-        "torque_gain" if at.alone && !at.gravity => &["armature_inertia", "payload"],
+        "torque_bias" if short && at.seen.weighed => &["hinge_tilt"],
+        "payload" if at.alone && !at.seen.weighed && at.seen.commanded => &["armature_inertia", "torque_gain"],
+        "armature_inertia" if at.alone && !at.seen.weighed => &["payload", "torque_gain"],
+        "torque_gain" if at.alone && !at.seen.weighed => &["armature_inertia", "payload"],
         "magnetic_gasket" | "detent" if at.seen.one_way => &["position_dependent_friction"],
         _ => &[],
     }
 }
 
 impl Search<'_> {
-    /// Names that these data cannot tell from a chosen one's. `base` is the model without effects.
-    pub fn alike(&self, choice: &Choice, base: &Fit, fit: &Fit) -> Result<&'static [&'static str], GapError> {
-        let Some(j) = choice.best.joint else { return Ok(&[]) };
+    /// Names that these data cannot tell from a chosen one's.
+    pub fn alike(&self, choice: &Choice, fit: &Fit) -> &'static [&'static str] {
+        let Some(j) = choice.best.joint else { return &[] };
         let model = &fit.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
         let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
@@ -69,20 +64,12 @@ impl Search<'_> {
             alone: self.names.len() == 1,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
-            gravity: self.gravity(base, j)? > NONE * self.typical_force()[j],
             seen: self.seen[j],
         };
         let scaled = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
             let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
             matches!(f.knob, crate::hypothesis::Knob::Effect(_, "scale_error")) && x.abs() > 3.0 * deviation
         });
-        Ok(alike(choice.best.effect, at, scaled))
-    }
-
-    /// Largest force of gravity on a joint along a fitted model's run, N m or N.
-    fn gravity(&self, fit: &Fit, j: usize) -> Result<f64, GapError> {
-        let n = self.names.len();
-        let runs = self.runs(fit)?;
-        Ok(runs.iter().flat_map(|r| r.load.iter().skip(j).step_by(n)).fold(0.0, |a, f| a.max(f.abs())))
+        alike(choice.best.effect, at, scaled)
     }
 }

@@ -9,7 +9,7 @@ use sagci_model::JointKind;
 use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob};
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
-use crate::search::{Candidate, Search};
+use crate::search::{Candidate, FLOOR, Search};
 
 /// Names whose evidence is within this of the best one's cannot be told from it.
 const ALIKE: f64 = 3.0;
@@ -40,6 +40,11 @@ impl Choice {
             Self { gain: best.evidence - here, best, others: Vec::new(), alike: Vec::new(), equivalent: &[], nameless, explained };
         this.around(candidates, [this.best.evidence, here], scale);
         this
+    }
+
+    /// The first of other candidates for the same place.
+    pub fn giving_way_to(&self, instead: &[Candidate], scale: f64) -> Self {
+        Self::new(instead, self.best.evidence - self.gain, self.nameless, self.explained, scale)
     }
 
     /// `with` and `without` it, by evidence; `scale` is that of the errors.
@@ -85,7 +90,9 @@ impl Search<'_> {
             if *e != entry {
                 continue;
             }
-            let deviation = variances.map_or(f64::INFINITY, |v| v[i].max(0.0).sqrt()) * NORMAL_95;
+            // No mechanism is quite what a model says that it is, so that no size is known better than what any model is off by.
+            let model_error = if fitted.logarithmic { FLOOR } else { 0.0 };
+            let deviation = variances.map_or(f64::INFINITY, |v| v[i].max(0.0).sqrt()).hypot(model_error) * NORMAL_95;
             let (x, [low, high]) = (hypothesis.x[i], fitted.bounds);
             let end = |x: f64| fitted.value(x.clamp(low, high));
             let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };

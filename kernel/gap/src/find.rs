@@ -160,19 +160,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
         // alone says what the plainer one and this say, that is the shape.
         if !chosen.is_empty() && force < MATERIAL && search.force_between(&current, &settled)? < MATERIAL {
-            let alone = match passed.take() {
-                // One that cannot be simulated any more is out.
-                Some(instead) => instead[0].fit.under(&search.problem).ok().map(|fit| (search.settle(&fit, scale), instead)),
-                None => None,
-            };
-            if let Some((alone, mut instead)) = alone
+            if let Some((instead, alone)) = search.likeliest_alone(passed.take(), scale)
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
                 && let Some(last) = chosen.pop()
             {
                 say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
-                instead[0].fit = alone.clone();
-                let before = last.best.evidence - last.gain;
-                chosen.push(Choice::new(&instead, before, last.nameless, last.explained, scale));
+                chosen.push(last.giving_way_to(&instead, scale));
                 current = alone;
                 continue;
             }
@@ -183,6 +176,18 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
         current = settled;
         chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
+    }
+
+    // A plainer name that leaves a force over gives way to the likeliest, if that does not.
+    if let ([_], true) = (chosen.as_slice(), search.leaves_a_force(&current, scale)?)
+        && let Some((instead, alone)) = search.likeliest_alone(passed.take(), scale)
+        && search.evidence(&alone, scale) > search.evidence(&current, scale) + CONVINCING
+        && !search.leaves_a_force(&alone, scale)?
+        && let Some(last) = chosen.pop()
+    {
+        say(&format!("  {} leaves nothing of what {} does", instead[0].effect, last.best.effect));
+        chosen.push(last.giving_way_to(&instead, scale));
+        current = alone;
     }
 
     // A second look at each, now that the others are there.
@@ -273,25 +278,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         confirmed.clear();
     }
     let mut remainder = search.nameless(&current, scale)?;
-    // Names that leave a good part of the force over are the nearest neighbours, no more, of one without a name that says nearly as much as all
-    // of them.
     let nameless = search.nameless(&refitted, scale)?;
-    let mut drop_all = |chosen: &mut Vec<Choice>, current: &mut Fit, why: &str| {
-        contradicted
-            .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
-        *current = refitted.clone();
-    };
-    if let (Some(left), Some((_, all))) = (&remainder, &nameless)
-        && !chosen.is_empty()
-        && left.1.evidence > 2.0 * CONVINCING
-        && left.1.force > MATERIAL * search.typical_force()[left.0]
-        && left.1.force > GOOD_PART * search.explained_force(&current, &refitted)?
-        && all.evidence > NEARLY * (search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale))
-    {
-        drop_all(&mut chosen, &mut current, "a force without a name fits better");
-        remainder.clone_from(&nameless);
-    }
-
     say("predicting over windows, beside other ways");
     let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
     let (predicted, mut others) = rayon::join(
@@ -299,17 +286,29 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
     );
     let (mut gap, mut predicted) = predicted?;
-    // So are names that leave most of the gap, where much more is left than noise makes.
-    let mut come_near = false;
-    if nameless.is_some() && !chosen.is_empty() {
+    // Names that leave data far off which nothing was fitted to are the nearest neighbours, no more, where most of the gap is left, or where a
+    // good part of the force is and one without a name says nearly as much as all of them.
+    let mut come_near = None;
+    if let (Some(left), Some((_, all))) = (&remainder, &nameless)
+        && !chosen.is_empty()
+        && is_far(gap.held_out.as_ref().unwrap_or(&gap.train))
+        && left.1.evidence > 2.0 * CONVINCING
+    {
         let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-        let sure = remainder.as_ref().is_some_and(|(_, left)| left.evidence > 2.0 * CONVINCING);
-        come_near = sure && is_far(shown) && shown.after > MOST_OF_IT * shown.refitted;
-        if come_near {
-            drop_all(&mut chosen, &mut current, "most of the gap is left");
-            remainder.clone_from(&nameless);
-            (gap, predicted) = predict(&current)?;
+        let said = search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale);
+        let good_part = left.1.force > GOOD_PART * search.explained_force(&current, &refitted)?;
+        if shown.after > MOST_OF_IT * shown.refitted {
+            come_near = Some("most of the gap is left");
+        } else if search.is_a_force(left) && good_part && all.evidence > NEARLY * said {
+            come_near = Some("a force without a name fits better");
         }
+    }
+    if let Some(why) = come_near {
+        contradicted
+            .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
+        current = refitted.clone();
+        remainder = nameless;
+        (gap, predicted) = predict(&current)?;
     }
 
     let variances = match chosen.is_empty() {
@@ -321,7 +320,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let final_entries = entries(&current.hypothesis);
     for (i, choice) in chosen.iter_mut().enumerate() {
         let Some(entry) = final_entries.get(i).copied() else { continue };
-        choice.equivalent = search.alike(choice, &refitted, &current)?;
+        choice.equivalent = search.alike(choice, &current);
         let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.confirms()));
         effects_found.push(search.describe(&current, entry, choice, variances.as_deref(), held_out, agrees));
     }
@@ -340,7 +339,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
         let likely = n.evidence > if at_the_floor { CERTAIN } else { 0.0 };
-        (lacks || come_near || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
+        (lacks || come_near.is_some() || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
             share,
             joint: search.names[joint].clone(),
             over: n.over.into(),

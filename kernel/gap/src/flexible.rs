@@ -156,7 +156,12 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
                     }
                 }
                 let square = along.iter().map(|f| f * f).sum::<f64>();
-                best = Some(Nameless { over: group.over, evidence, force: (square / along.len() as f64).sqrt(), region: region(&places, &along) });
+                best = Some(Nameless {
+                    over: group.over,
+                    evidence,
+                    force: (square / along.len() as f64).sqrt(),
+                    region: region(&places, &along),
+                });
             }
         }
     }

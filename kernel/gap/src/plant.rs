@@ -350,6 +350,15 @@ impl Plant {
         reading.position.value - late * reading.position.d_q * (v - 0.5 * late * a)
     }
 
+    /// Efforts of gravity at positions; zeros where they cannot be had.
+    pub fn weights_at(&self, q: &[f64]) -> Vec<f64> {
+        let multibody = self.system.multibody();
+        let (mut ws, mut weights) = (multibody.workspace(), vec![0.0; multibody.nv()]);
+        let still = vec![0.0; weights.len()];
+        let found = multibody.set_state(&mut ws, q, &still).and_then(|()| multibody.bias_efforts(&mut ws, &mut weights));
+        if found.is_ok() { weights } else { still }
+    }
+
     /// Keeps positions between the limits that are kept.
     pub fn clamp(&self, motion: &mut Motion) {
         for joint in self.system.multibody().joints() {

@@ -11,6 +11,7 @@ use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
 use crate::observer::{self, Disturbance, Run};
+use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbour};
 use crate::trajectory::{Drive, Trajectory, joint_names};
@@ -77,6 +78,7 @@ impl<'a> Search<'a> {
         let inverse = given.inverse_mass_at(&noise::middle(trajectories, n));
         let inertias: Vec<f64> = (0..n).map(|j| 1.0 / inverse[j * n + j]).collect();
         let typical = noise::accelerations(trajectories, &inertias);
+        let weights = weights(&given, trajectories, n);
         let disturbance = Disturbance {
             position: (0..n).map(|j| noise::of_positions(trajectories, j)).collect(),
             share: vec![FLOOR; n],
@@ -90,7 +92,11 @@ impl<'a> Search<'a> {
             mobility: problem.mobility(&given),
             problem,
             seen: (0..n)
-                .map(|j| Seen { commanded: any(&|d| matches!(d, Drive::Command(_)), j), one_way: one_way(trajectories, j) })
+                .map(|j| Seen {
+                    commanded: any(&|d| matches!(d, Drive::Command(_)), j),
+                    one_way: one_way(trajectories, j),
+                    weighed: weights[j] > WEIGHTLESS * typical[j] * inertias[j],
+                })
                 .collect(),
             names,
             joints,
@@ -271,6 +277,22 @@ fn reached(model: &ObjectModel, joint: usize, trajectories: &[Trajectory], colum
     let limits = &model.joints[joint].limits;
     let margin = 0.002 * limits.range().min(10.0);
     trajectories.iter().flat_map(|t| t.positions(column)).any(|y| y < limits.lower + margin || y > limits.upper - margin)
+}
+
+/// Share of the joint's typical force below which gravity does not move it, and positions at which that is asked.
+const WEIGHTLESS: f64 = 1e-3;
+const ASKED: usize = 50;
+
+/// Largest effort of gravity on each joint where the data are, N m or N.
+fn weights(plant: &Plant, trajectories: &[Trajectory], joints: usize) -> Vec<f64> {
+    let mut most = vec![0.0f64; joints];
+    for trajectory in trajectories {
+        let rows = trajectory.position.chunks_exact(joints).filter(|q| q.iter().all(|x| x.is_finite()));
+        for q in rows.step_by((trajectory.rows() / ASKED).max(1)) {
+            most.iter_mut().zip(plant.weights_at(q)).for_each(|(m, w)| *m = m.max(w.abs()));
+        }
+    }
+    most
 }
 
 /// Share of a joint's way forth that it may go back, and the time over which ways are measured, s: over less, noise goes both ways.

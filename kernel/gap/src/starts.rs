@@ -199,11 +199,15 @@ pub(crate) struct Seen {
     pub commanded: bool,
     /// It went one way only.
     pub one_way: bool,
+    /// Gravity moves it.
+    pub weighed: bool,
 }
 
 /// Can the effect show in such data? A measured effort is what reached the joint: of the drive before it, it says nothing. Where a joint
-/// went one way only, a friction that changes with the place or the load is a force that does: the plainer thing is said.
+/// went one way only, a friction that changes with the place or the load is a force that does: the plainer thing is said. Inertia without weight
+/// shows beside a weight, whatever drives it; elsewhere it is a payload.
 pub(crate) fn observable(effect: &str, seen: Seen) -> bool {
     let both_ways = matches!(effect, "position_dependent_friction" | "load_dependent_friction" | "asymmetric_friction");
-    (seen.commanded || channel(effect) != "actuator") && !(both_ways && seen.one_way)
+    let inertia = effect == "armature_inertia" && seen.weighed;
+    (seen.commanded || inertia || channel(effect) != "actuator") && !(both_ways && seen.one_way)
 }

@@ -306,6 +306,24 @@ impl<'a> Search<'a> {
         Ok(all.filter_map(|(j, n)| Some((j, n?))).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
     }
 
+    /// Is a force without a name there, and more than any model is off by?
+    pub fn is_a_force(&self, (joint, nameless): &(usize, Nameless)) -> bool {
+        nameless.evidence > 2.0 * CONVINCING && nameless.force > MATERIAL * self.typical_force()[*joint]
+    }
+
+    /// Does a fit leave such a force?
+    pub fn leaves_a_force(&self, fit: &Fit, scale: f64) -> Result<bool, GapError> {
+        Ok(self.nameless(fit, scale)?.is_some_and(|left| self.is_a_force(&left)))
+    }
+
+    /// The likeliest of some candidates, where a plainer one was put before it, settled alone; none where it cannot be simulated any more.
+    pub fn likeliest_alone(&self, passed: Option<Vec<Candidate>>, scale: f64) -> Option<(Vec<Candidate>, Fit)> {
+        let mut instead = passed?;
+        let alone = self.settle(&instead.first()?.fit.under(&self.problem).ok()?, scale);
+        instead[0].fit = alone.clone();
+        Some((instead, alone))
+    }
+
     /// The most likely force without a name on each joint.
     pub fn nameless_by_joint(&self, fit: &Fit, scale: f64) -> Result<Vec<Option<Nameless>>, GapError> {
         let runs = self.runs(fit)?;
