@@ -6,7 +6,7 @@
 //! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine.
 //! * Where a joint went one way only, a force by place and a friction by place are one thing.
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
-//!   weak by a share is a little more of all of it.
+//!   weak by a share is a little more of all of it, unless the effort that the drive gave was read, too.
 
 use crate::choice::Choice;
 use crate::fit::Fit;
@@ -44,9 +44,11 @@ pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'
         "encoder_offset" if at.alone && at.seen.weighed && !scaled => &["hinge_tilt", "joint_axis_error"],
         "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
         "torque_bias" if short && at.seen.weighed => &["hinge_tilt"],
+        "payload" if at.alone && !at.seen.weighed && at.seen.read => &["armature_inertia"],
         "payload" if at.alone && !at.seen.weighed && at.seen.commanded => &["armature_inertia", "torque_gain"],
+        "armature_inertia" if at.alone && !at.seen.weighed && at.seen.read => &["payload"],
         "armature_inertia" if at.alone && !at.seen.weighed => &["payload", "torque_gain"],
-        "torque_gain" if at.alone && !at.seen.weighed => &["armature_inertia", "payload"],
+        "torque_gain" if at.alone && !at.seen.weighed && !at.seen.read => &["armature_inertia", "payload"],
         "magnetic_gasket" | "detent" if at.seen.one_way => &["position_dependent_friction"],
         _ => &[],
     }

@@ -10,6 +10,7 @@ use sagci_recording::Log;
 use crate::GapError;
 use crate::baselines::baselines;
 use crate::choice::Choice;
+use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
 use crate::gaps::{Measure, gaps};
@@ -17,7 +18,7 @@ use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
-use crate::search::{Candidate, Search, entries};
+use crate::search::{Search, entries};
 use crate::trajectory::{Trajectory, going_on};
 use crate::unseen::{Unseen, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
@@ -60,10 +61,6 @@ pub struct Found {
     pub figures: PlotData,
 }
 
-/// Most effects that are looked for at once.
-const MOST: usize = 4;
-/// How many times its noise floor a gap may be before something is missing for certain.
-const FAR: f64 = 3.0;
 /// How many times its noise floor a gap is that cannot be smaller.
 const NEAR_FLOOR: f64 = 1.2;
 /// Evidence of a force without a name that is there though the gap hardly shows it.
@@ -97,98 +94,16 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let (train, held_out) = set_aside(&train, &held_out, &mut notes);
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
-    let mut search = Search::new(model, &trajectories)?;
+    let search = Search::new(model, &trajectories)?;
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");
-    let mut base = search.known(model, 1.0)?;
+    let base = search.known(model, 1.0)?;
     let given = base.clone();
     let places = map::places(&search, &base, search.scale(&base).min(2.0))?;
 
-    // One name after the other.
-    let mut current = base.clone();
-    let mut scale = search.scale(&base);
-    let mut chosen: Vec<Choice> = Vec::new();
-    let mut lost: Vec<(&str, f64)> = Vec::new();
-    let mut nameless_won = false;
-    // The likeliest, where a plainer one was put before it.
-    let mut passed: Option<Vec<Candidate>> = None;
-    while chosen.len() < MOST {
-        say(&format!("looking for {} missing effect", if chosen.is_empty() { "a" } else { "another" }));
-        let mut candidates = search.stage(&current, scale)?;
-        let Some(first) = candidates.first() else { break };
-        let mut next = search.scale(&first.fit);
-        if let Some(noise) = search.likelier_noise(&first.fit)? {
-            let before = search.evidence(&current, scale);
-            search = search.with_noise(noise);
-            base = search.refit(&base, next)?;
-            current = if chosen.is_empty() { base.clone() } else { search.refit(&current, next)? };
-            candidates = search.weigh_anew(&current, candidates, before, next);
-            next = candidates.iter().map(|c| search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
-        }
-        scale = next;
-        search.rank(&mut candidates, scale);
-        let here = search.evidence(&current, scale);
-        let likeliest = candidates.clone();
-        search.prefer_simpler(model, &mut candidates, here, options.window)?;
-        search.prefer_two(model, &current, &mut candidates, scale, options.window)?;
-        let Some(best) = candidates.first() else { break };
-        let gain = best.evidence - here;
-        say(&format!("  most likely: {}", best_three(&candidates, here)));
-        let force = search.force_between(&current, &best.fit)?;
-        let nameless = search.nameless(&current, scale)?;
-        say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
-        // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
-        let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(&current, scale);
-        let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
-        let is_there = |fit: &Fit, force: f64| -> Result<bool, GapError> {
-            let gain = search.evidence(fit, scale) - here;
-            Ok(search.is_convincing(model, &current, fit, gain, options.window)
-                && search.is_material(model, &current, fit, force, options.window)?)
-        };
-        // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
-        let settled = (gain > CONVINCING).then(|| search.settle(&best.fit, scale));
-        let there = match &settled {
-            Some(fit) => is_there(&best.fit, force)? || is_there(fit, search.force_between(&current, fit)?)?,
-            None => false,
-        };
-        let Some(settled) = settled.filter(|_| there) else {
-            nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
-            lost = beside(&candidates, here);
-            break;
-        };
-        // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
-        // alone says what the plainer one and this say, that is the shape.
-        if !chosen.is_empty() && force < MATERIAL && search.force_between(&current, &settled)? < MATERIAL {
-            if let Some((instead, alone)) = search.likeliest_alone(passed.take(), scale)
-                && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
-                && let Some(last) = chosen.pop()
-            {
-                say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
-                chosen.push(last.giving_way_to(&instead, scale));
-                current = alone;
-                continue;
-            }
-            lost = beside(&candidates, here);
-            break;
-        }
-        let explained = search.explained(&current, &best.fit);
-        passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
-        current = settled;
-        chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
-    }
-
-    // A plainer name that leaves a force over gives way to the likeliest, if that does not.
-    if let ([_], true) = (chosen.as_slice(), search.leaves_a_force(&current, scale)?)
-        && let Some((instead, alone)) = search.likeliest_alone(passed.take(), scale)
-        && search.evidence(&alone, scale) > search.evidence(&current, scale) + CONVINCING
-        && !search.leaves_a_force(&alone, scale)?
-        && let Some(last) = chosen.pop()
-    {
-        say(&format!("  {} leaves nothing of what {} does", instead[0].effect, last.best.effect));
-        chosen.push(last.giving_way_to(&instead, scale));
-        current = alone;
-    }
+    let climb = Climb::new(search, base).finish(&Ascent { model, window: options.window, seed: options.seed, say: &say })?;
+    let Climb { mut search, base, mut current, mut scale, mut chosen, lost, nameless_won, .. } = climb;
 
     // A second look at each, now that the others are there.
     if chosen.len() > 1 {
@@ -287,19 +202,20 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     );
     let (mut gap, mut predicted) = predicted?;
     // Names that leave data far off which nothing was fitted to are the nearest neighbours, no more, where most of the gap is left, or where a
-    // good part of the force is and one without a name says nearly as much as all of them.
+    // good part of the force is and one without a name says nearly as much as all of them. So are names that no such data confirm, where it
+    // says more.
     let mut come_near = None;
-    if let (Some(left), Some((_, all))) = (&remainder, &nameless)
-        && !chosen.is_empty()
-        && is_far(gap.held_out.as_ref().unwrap_or(&gap.train))
-        && left.1.evidence > 2.0 * CONVINCING
-    {
+    if let (Some(left), Some((_, all)), false) = (&remainder, &nameless, chosen.is_empty()) {
         let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
         let said = search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale);
+        let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
         let good_part = left.1.force > GOOD_PART * search.explained_force(&current, &refitted)?;
-        if shown.after > MOST_OF_IT * shown.refitted {
+        let unconfirmed = !unseen.is_empty() && !confirmed.iter().any(Unseen::confirms);
+        if far && shown.after > MOST_OF_IT * shown.refitted {
             come_near = Some("most of the gap is left");
-        } else if search.is_a_force(left) && good_part && all.evidence > NEARLY * said {
+        } else if far && search.is_a_force(left) && good_part && all.evidence > NEARLY * said
+            || unconfirmed && all.evidence > said + 2.0 * CONVINCING
+        {
             come_near = Some("a force without a name fits better");
         }
     }
@@ -328,23 +244,23 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     // What is left.
     let typical = search.typical_force();
     // Windows that are far off say so even where the force is small beside others.
-    let off = is_far(&gap.train);
+    let off = gap.train.is_far();
     // Where nothing is named and data that nothing was fitted to are far off, something is missing that the known numbers hide where they are
     // fitted. What many joints are off by is mostly chance: nothing holds them.
-    let lacks = gap.held_out.as_ref().map_or(off, is_far) && chosen.is_empty() && !search.many_joints();
-    // A model that lacks no name and predicts as well as the noise lets any lacks nothing that its errors alone hint at.
-    let at_the_floor = chosen.is_empty() && gap.train.after < NEAR_FLOOR * gap.train.noise_floor;
+    let lacks = gap.held_out.as_ref().map_or(off, Gap::is_far) && chosen.is_empty() && !search.many_joints();
+    // A model that predicts as well as the noise lets any lacks nothing that its errors alone hint at, least of all one with names.
+    let at_the_floor = gap.train.after < NEAR_FLOOR * gap.train.noise_floor && !gap.held_out.as_ref().is_some_and(Gap::is_far);
+    let enough = match (at_the_floor, chosen.is_empty()) {
+        (false, _) => 0.0,
+        (true, true) => CERTAIN,
+        (true, false) => f64::INFINITY,
+    };
     let unexplained = remainder.and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
-        let likely = n.evidence > if at_the_floor { CERTAIN } else { 0.0 };
-        (lacks || come_near.is_some() || felt && likely && (counts || nameless_won && chosen.is_empty())).then(|| Unexplained {
-            share,
-            joint: search.names[joint].clone(),
-            over: n.over.into(),
-            region: n.region,
-        })
+        (lacks || come_near.is_some() || felt && n.evidence > enough && (counts || nameless_won && chosen.is_empty()))
+            .then(|| Unexplained { share, joint: search.names[joint].clone(), over: n.over.into(), region: n.region })
     });
     let verdict = match (&unexplained, effects_found.is_empty()) {
         (Some(_), _) => Verdict::Unknown,
@@ -409,19 +325,4 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         seconds: clock.elapsed().as_secs_f64(),
     };
     Ok(Found { report, model: found, residual: learned, figures })
-}
-
-/// Candidates, and what each says beyond the model without it.
-fn beside(candidates: &[Candidate], here: f64) -> Vec<(&'static str, f64)> {
-    candidates.iter().map(|c| (c.effect, c.evidence - here)).collect()
-}
-
-/// Is a gap much larger than noise makes it?
-fn is_far(gap: &Gap) -> bool {
-    gap.after > FAR * gap.noise_floor
-}
-
-fn best_three(candidates: &[Candidate], here: f64) -> String {
-    let all: Vec<String> = candidates.iter().take(3).map(|c| format!("{} ({:+.1})", c.effect, c.evidence - here)).collect();
-    all.join(", ")
 }

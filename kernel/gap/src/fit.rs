@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use crate::GapError;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
-use crate::observer::{self, Disturbance, Gains, Noise};
+use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise};
 use crate::plant::Plant;
 use crate::span::Change;
 use crate::trajectory::Trajectory;
@@ -65,7 +65,12 @@ impl<'a> Problem<'a> {
 
     /// Noise as the filter of a plant takes it.
     pub fn noise(&self, plant: &Plant) -> Noise {
-        self.disturbance.behind(&self.mobility(plant))
+        self.disturbance.behind(&self.mobility(plant), &self.drives(plant))
+    }
+
+    /// How a plant's drives answer.
+    pub fn drives(&self, plant: &Plant) -> Vec<DriveSlopes> {
+        self.trajectories.first().map_or_else(Vec::new, |t| plant.drives(t))
     }
 
     /// How much efforts accelerate a plant's joints within a row, where the data mostly are, by columns.
@@ -82,20 +87,37 @@ impl<'a> Problem<'a> {
         let sessions = self.trajectories.chunk_by(|_, next| next.continues).collect::<Vec<_>>();
         let run = |session: &&[Trajectory]| {
             let mut motion = plant.motion();
-            let mut errors = Vec::with_capacity(session.iter().map(|t| t.rows() * t.joints).sum());
+            let mut errors = Errors::default();
             for trajectory in *session {
                 observer::run(&plant, trajectory, &Gains::new(trajectory, &noise), &mut motion, &mut errors, None)?;
             }
             Ok(errors)
         };
-        let errors: Vec<Vec<f64>> = sessions.par_iter().map(run).collect::<Result<_, GapError>>()?;
-        Ok(DVector::from_vec(errors.concat()))
+        let errors: Vec<Errors> = sessions.par_iter().map(run).collect::<Result<_, GapError>>()?;
+        Ok(Errors::joined(&errors))
     }
 
     /// Number of errors that something was measured for.
     pub fn measured(&self) -> usize {
+        (self.positions() + self.efforts()).max(1)
+    }
+
+    /// Those of positions.
+    pub fn positions(&self) -> usize {
         let counts = |t: &Trajectory| t.position.iter().zip(&t.counted).filter(|(y, counted)| y.is_finite() && **counted).count();
-        self.trajectories.iter().map(counts).sum::<usize>().max(1)
+        self.trajectories.iter().map(counts).sum()
+    }
+
+    /// Those of efforts beside commands.
+    pub fn efforts(&self) -> usize {
+        if self.disturbance.reads_efforts() { self.trajectories.iter().map(Trajectory::efforts).sum() } else { 0 }
+    }
+
+    /// Where the errors of a trajectory's rows are, first those of positions and then those of efforts, as far as there are any. `first` is
+    /// that of the trajectory's first row.
+    fn banks(&self, errors: &DVector<f64>, first: usize) -> impl Iterator<Item = usize> {
+        let rows: usize = self.trajectories.iter().map(|t| t.rows() * t.joints).sum();
+        (0..errors.len() / rows.max(1)).map(move |bank| bank * rows + first)
     }
 
     /// How many errors say as much of a change as one that is independent of others: how much larger the variance of `<change, errors>`
@@ -109,9 +131,13 @@ impl<'a> Problem<'a> {
             let mut first = 0;
             let of = |t: &Trajectory| {
                 let count = t.rows() * t.joints;
-                let own = &errors.as_slice()[first..first + count];
+                let bank = |first: usize| {
+                    let own = &errors.as_slice()[first..first + count];
+                    own.iter().zip(own.iter().skip(lag * joints)).map(|(a, b)| a * b).sum::<f64>()
+                };
+                let sum: f64 = self.banks(&errors, first).map(bank).sum();
                 first += count;
-                own.iter().zip(own.iter().skip(lag * joints)).map(|(a, b)| a * b).sum::<f64>()
+                sum
             };
             self.trajectories.iter().map(of).sum::<f64>() / total
         };
@@ -421,8 +447,10 @@ impl Fit {
             let end = first + t.rows() * t.joints;
             while first < end {
                 let rows = (LAGS * t.joints).min(end - first);
-                let errors = self.errors.rows(first, rows);
-                slopes.push(DVector::from_iterator(p, self.jacobian.iter().map(|j| -weight * j.rows(first, rows).dot(&errors))));
+                let slope = |j: &DVector<f64>| -> f64 {
+                    problem.banks(&self.errors, first).map(|at| -weight * j.rows(at, rows).dot(&self.errors.rows(at, rows))).sum()
+                };
+                slopes.push(DVector::from_iterator(p, self.jacobian.iter().map(slope)));
                 first += rows;
             }
         }

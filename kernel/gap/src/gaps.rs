@@ -10,6 +10,7 @@ use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::observer::Noise;
+use crate::plant::Plant;
 use crate::report::{Gap, Gaps, JointGap};
 use crate::search::{FLOOR, Search};
 use crate::trajectory::Trajectory;
@@ -17,6 +18,9 @@ use crate::windows::{Figures, Smoothed, Window};
 
 /// Longest step of the last fits and of predictions, s.
 pub(crate) const FINE: f64 = 1e-3;
+
+/// How many times its noise floor a gap may be before something is missing for certain.
+const FAR: f64 = 3.0;
 
 /// What the figures of each joint are divided by: its range between limits, or that of the data where it has none.
 fn ranges(search: &Search<'_>, model: &ObjectModel, train: &[Trajectory], unseen: &[Trajectory]) -> Vec<f64> {
@@ -46,6 +50,20 @@ impl<'a> Measure<'a> {
         Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits }
     }
 
+    /// Is a hypothesis much farther off than noise makes one that is right? A hypothesis that cannot be simulated is.
+    pub fn is_far(&self, hypothesis: &Hypothesis, seed: u64) -> bool {
+        let floor = || {
+            let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
+            let plants = [&made(crate::search::STEP)?, &made(FINE)?];
+            let smoothed = Smoothed::roughly(plants[0], plants[1], self.data, &self.noise)?;
+            let invented = invented(plants, &smoothed, (self.data, &self.noise), (self.window, &self.ranges), seed);
+            let smoothed = Smoothed::roughly(plants[0], plants[1], &invented, &self.noise)?;
+            Ok::<f64, GapError>(smoothed.pooled(plants[1], &invented, self.window, &self.ranges))
+        };
+        let found = || Ok::<bool, GapError>(self.pooled(hypothesis, None)? > FAR * floor()?);
+        found().unwrap_or(true)
+    }
+
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
         let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
@@ -53,6 +71,25 @@ impl<'a> Measure<'a> {
         let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
         Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
     }
+}
+
+impl Gap {
+    /// Is it much larger than noise makes it?
+    pub(crate) fn is_far(&self) -> bool {
+        self.after > FAR * self.noise_floor
+    }
+}
+
+/// Data that a plant makes itself along others, with the noise of these: the plant is given in longer and in shorter steps.
+fn invented(
+    [follower, plant]: [&Plant; 2],
+    smoothed: &Smoothed,
+    (data, noise): (&[Trajectory], &Noise),
+    windows: (f64, &[f64]),
+    seed: u64,
+) -> Vec<Trajectory> {
+    let efforts: Vec<f64> = (0..windows.1.len()).map(|j| noise::of_efforts(data, j)).collect();
+    smoothed.invent(plant, data, (&noise.likely(follower, data), &efforts), windows, seed)
 }
 
 #[allow(clippy::too_many_arguments)]
@@ -70,7 +107,7 @@ pub(crate) fn gaps(
     let ranges = ranges(search, model, train, unseen);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
     let limits = &search.problem.limits;
-    let made = |step: f64| -> Result<[crate::plant::Plant; 3], GapError> {
+    let made = |step: f64| -> Result<[Plant; 3], GapError> {
         Ok([
             untouched.plant(&[], limits, step)?,
             refitted.hypothesis.plant(&refitted.hypothesis.x, limits, step)?,
@@ -94,10 +131,7 @@ pub(crate) fn gaps(
             })
             .collect::<Result<_, GapError>>()?;
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
-        let efforts: Vec<f64> = (0..n).map(|j| noise::of_efforts(data, j)).collect();
-        let likely = noise.likely(&followers[2], data);
-        let smoothed = found(data)?;
-        let invented = smoothed.invent(&plants[2], data, (&likely, &efforts), (options.window, &ranges), options.seed);
+        let invented = invented([&followers[2], &plants[2]], &found(data)?, (data, &noise), (options.window, &ranges), options.seed);
         let (floor, _) = found(&invented)?.figures(&plants[2], &invented, options.window, &ranges);
         let per_joint = (0..n)
             .map(|j| {

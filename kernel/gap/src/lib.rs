@@ -5,6 +5,7 @@ mod alike;
 mod baselines;
 mod chart;
 mod choice;
+mod climb;
 mod confirmed;
 mod error;
 mod experiment;
@@ -25,6 +26,8 @@ mod part;
 mod plant;
 pub mod plots;
 mod predict;
+#[cfg(test)]
+mod read_tests;
 mod remainder;
 pub mod report;
 mod response;

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-use crate::observer::Noise;
+use crate::observer::{DriveSlopes, Noise};
 use sagci_model::ActuatorLaw;
 use sagci_recording::CommandKind;
 
@@ -11,6 +11,9 @@ use crate::trajectory::{Drive, Trajectory};
 
 /// Number of points of a divided difference; it is blind to polynomials of a degree less than this minus one.
 const POINTS: usize = 6;
+
+/// No effort is read better than this, N m or N.
+const LEAST_READING: f64 = 1e-9;
 
 /// Standard deviation of the noise on a joint's positions: the median of normalised divided differences, which see nothing of a
 /// smooth motion, and of which jumps in acceleration spoil only few.
@@ -81,6 +84,16 @@ pub(crate) fn of_efforts(trajectories: &[Trajectory], joint: usize) -> f64 {
     median_difference(measured.map(|t| t.time.iter().copied().zip(t.input.iter().skip(joint).step_by(t.joints).copied()).collect()))
 }
 
+/// Standard deviation of the noise on a joint's efforts that are measured beside a command; zero where there are none.
+pub(crate) fn of_readings(trajectories: &[Trajectory], joint: usize) -> f64 {
+    let series = |t: &Trajectory| -> Vec<(f64, f64)> {
+        let efforts = t.effort.iter().skip(joint).step_by(t.joints).copied();
+        t.time.iter().copied().zip(efforts).filter(|(_, u)| u.is_finite()).collect()
+    };
+    let any = trajectories.iter().any(|t| t.effort.iter().skip(joint).step_by(t.joints).any(|u| u.is_finite()));
+    if any { median_difference(trajectories.iter().map(series)).max(LEAST_READING) } else { 0.0 }
+}
+
 /// What the data alone say, whatever the model: the noise of positions, and a share of the motion's accelerations.
 pub(crate) fn of_motion(trajectories: &[Trajectory], joints: usize, share: f64) -> Noise {
     // With so much inertia, inputs accelerate nothing.
@@ -91,6 +104,8 @@ pub(crate) fn of_motion(trajectories: &[Trajectory], joints: usize, share: f64) 
         quiet: moved.iter().map(|a| QUIET * a).collect(),
         effort: vec![0.0; joints],
         mobility: vec![0.0; joints * joints],
+        reading: vec![0.0; joints],
+        drives: vec![DriveSlopes::default(); joints],
     }
 }
 

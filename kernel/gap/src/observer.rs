@@ -19,6 +19,17 @@
 //!
 //! Just after a start no model knows what acts: inputs that were sent before are still on their way, and inner states are not at rest. There
 //! the measurement rules, and nothing is counted.
+//!
+//! An effort that is measured beside a command is one more observation: of what the drive's law and what happens to commands make of the
+//! command, at the state that the filter has,
+//!
+//! ```text
+//! e_k = (tau_k - tau(x_k, u_k)) / s_k,   s_k^2 = noise^2 + (share of the effort)^2 + (slopes)^T P_k (slopes) + (what a row changes)^2 / 4
+//! ```
+//!
+//! the last because nobody says whether it was read before or after the row's command came. It moves no state.
+
+use nalgebra::DVector;
 
 use crate::GapError;
 use crate::plant::{Motion, Plant};
@@ -35,17 +46,21 @@ pub(crate) struct Disturbance {
     pub quiet: Vec<f64>,
     /// Of measured efforts that drive the model, each held over one interval, N m or N.
     pub effort: Vec<f64>,
+    /// Of efforts that are measured beside a command, N m or N.
+    pub reading: Vec<f64>,
 }
 
 impl Disturbance {
-    /// What a filter sees of it where efforts accelerate joints so much, by columns.
-    pub fn behind(&self, mobility: &[f64]) -> Noise {
+    /// What a filter sees of it where efforts accelerate joints so much, by columns, and drives answer so.
+    pub fn behind(&self, mobility: &[f64], drives: &[DriveSlopes]) -> Noise {
         Noise {
             position: self.position.clone(),
             share: self.share.clone(),
             quiet: self.quiet.clone(),
             effort: self.effort.clone(),
             mobility: mobility.to_vec(),
+            reading: self.reading.clone(),
+            drives: drives.to_vec(),
         }
     }
 
@@ -53,10 +68,23 @@ impl Disturbance {
     pub fn times(&self, [position, share]: [f64; 2]) -> Self {
         Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
+
+    /// Are efforts measured beside commands?
+    pub fn reads_efforts(&self) -> bool {
+        self.reading.iter().any(|r| *r > 0.0)
+    }
 }
 
 fn times(values: &[f64], factor: f64) -> Vec<f64> {
     values.iter().map(|x| factor * x).collect()
+}
+
+/// How a drive's effort answers to its input, its position and its velocity.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct DriveSlopes {
+    pub input: f64,
+    pub q: f64,
+    pub v: f64,
 }
 
 /// Standard deviations as a filter takes them, by joint.
@@ -72,6 +100,9 @@ pub(crate) struct Noise {
     pub effort: Vec<f64>,
     /// How much efforts accelerate joints, by columns.
     pub mobility: Vec<f64>,
+    /// Of efforts that are measured beside a command, N m or N, and how drives answer.
+    pub reading: Vec<f64>,
+    pub drives: Vec<DriveSlopes>,
 }
 
 impl Noise {
@@ -88,6 +119,24 @@ impl Noise {
         let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]);
         (moved * moved + (0..n).map(|i| pushed(i).powi(2)).sum::<f64>()).sqrt()
     }
+
+    /// Are efforts measured beside commands?
+    pub fn reads_efforts(&self) -> bool {
+        self.reading.iter().any(|r| *r > 0.0)
+    }
+
+    /// Standard deviation of what the effort read in row `k` on joint `j` differs by from what a right model makes of the state there, which is
+    /// known with a covariance (qq, qv, vv).
+    fn reading(&self, trajectory: &Trajectory, k: usize, j: usize, [qq, qv, vv]: [f64; 3]) -> f64 {
+        let n = trajectory.joints;
+        let DriveSlopes { input, q, v } = self.drives[j];
+        let state = q * q * qq + 2.0 * q * v * qv + v * v * vv;
+        let model = self.share[j] * trajectory.strain[k * n + j];
+        let change = |k: usize| trajectory.input[k * n + j] - trajectory.input[(k - 1) * n + j];
+        let late = if k > 0 && !trajectory.starts.contains(&k) { 0.5 * input * change(k) } else { 0.0 };
+        let late = if late.is_finite() { late } else { 0.0 };
+        (self.reading[j].powi(2) + model * model + state.max(0.0) + late * late).sqrt()
+    }
 }
 
 /// Gains of one trajectory.
@@ -100,6 +149,8 @@ pub(crate) struct Gains {
     /// Covariance (qq, qv, vv) before and after the measurement, by row and joint.
     before: Vec<[f64; 3]>,
     after: Vec<[f64; 3]>,
+    /// Standard deviation of an effort measured beside a command, by row and joint, zero where none was; empty where no data have any.
+    efforts: Vec<f64>,
 }
 
 /// How far a first position may be off before anything is known, rad or m: an encoder's offset, and more. A first velocity, 1 rad/s or m/s.
@@ -111,7 +162,7 @@ impl Gains {
     pub fn new(trajectory: &Trajectory, noise: &Noise) -> Self {
         let (n, rows) = (trajectory.joints, trajectory.rows());
         let zero = vec![[0.0; 3]; rows * n];
-        let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero };
+        let mut gains = Self { joints: n, rows: zero.clone(), before: zero.clone(), after: zero, efforts: Vec::new() };
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
             let (mut p, mut start) = ([0.0; 3], 0);
@@ -136,7 +187,17 @@ impl Gains {
                 gains.after[at] = p;
             }
         }
+        if noise.reads_efforts() {
+            let read =
+                |i: usize| if trajectory.effort[i].is_finite() { noise.reading(trajectory, i / n, i % n, gains.after[i]) } else { 0.0 };
+            gains.efforts = (0..rows * n).map(read).collect();
+        }
         gains
+    }
+
+    /// Standard deviations of efforts measured beside a command, by row and joint, zero where none was; empty where no data have any.
+    pub fn efforts(&self) -> &[f64] {
+        &self.efforts
     }
 
     /// Position and velocity gain, and the standard deviation of the prediction error, by row and joint.
@@ -180,20 +241,42 @@ pub(crate) struct Run {
     pub inverse: Vec<f64>,
 }
 
-/// Runs a plant along a trajectory. `errors` gets one normalised prediction error by row and joint, zero where nothing was measured.
+/// Normalised prediction errors, one by row and joint, zero where nothing was measured.
+#[derive(Debug, Default)]
+pub(crate) struct Errors {
+    /// Of positions.
+    pub position: Vec<f64>,
+    /// Of efforts measured beside commands; empty where no data have any.
+    pub effort: Vec<f64>,
+}
+
+impl Errors {
+    /// Those of positions, trajectory by trajectory, and behind all of them those of efforts.
+    pub fn joined(parts: &[Self]) -> DVector<f64> {
+        let positions = parts.iter().flat_map(|p| &p.position);
+        DVector::from_iterator(
+            parts.iter().map(|p| p.position.len() + p.effort.len()).sum(),
+            positions.chain(parts.iter().flat_map(|p| &p.effort)).copied(),
+        )
+    }
+}
+
+/// Runs a plant along a trajectory. `errors` gets the prediction errors.
 /// Inner states start at zero, unless the trajectory goes on where the one before it ended: then they are those of `motion`.
 pub(crate) fn run(
     plant: &Plant,
     trajectory: &Trajectory,
     gains: &Gains,
     motion: &mut Motion,
-    errors: &mut Vec<f64>,
+    errors: &mut Errors,
     mut record: Option<&mut Run>,
 ) -> Result<(), GapError> {
     let n = trajectory.joints;
     if !trajectory.continues {
         motion.state.z.fill(0.0);
     }
+    // Efforts as they would be read, by row and joint.
+    let mut read = vec![f64::NAN; gains.efforts.len()];
     for k in 0..trajectory.rows() {
         if trajectory.starts.contains(&k) {
             for j in 0..n {
@@ -204,7 +287,10 @@ pub(crate) fn run(
             }
             plant.clamp(motion);
         } else {
+            let last = read.get_mut((k - 1) * n..k * n).unwrap_or_default();
+            last.iter_mut().enumerate().for_each(|(j, u)| *u = plant.misread_effort(motion, j));
             plant.interval(motion, trajectory, k - 1)?;
+            last.iter_mut().zip(motion.delivered()).for_each(|(u, delivered)| *u += delivered);
         }
         motion.state.time = trajectory.time[k];
         if let Some(run) = record.as_deref_mut() {
@@ -214,11 +300,11 @@ pub(crate) fn run(
         for j in 0..n {
             let [gain_q, gain_v, deviation] = gains.rows[k * n + j];
             if deviation == 0.0 {
-                errors.push(0.0);
+                errors.position.push(0.0);
                 continue;
             }
             let e = trajectory.position[k * n + j] - plant.reading(motion, j);
-            errors.push(e / deviation);
+            errors.position.push(e / deviation);
             motion.state.q[j] += gain_q * e;
             motion.state.v[j] += gain_v * e;
         }
@@ -232,7 +318,27 @@ pub(crate) fn run(
             plant.inverse_mass(motion, &mut run.inverse);
         }
     }
+    let late = plant.shown_late();
+    errors.effort.extend(gains.efforts.iter().enumerate().map(|(i, deviation)| {
+        let e = (trajectory.effort[i] - at_time(&read, trajectory, i, late)) / deviation;
+        // The last row of a stretch has no interval.
+        if e.is_finite() { e } else { 0.0 }
+    }));
     Ok(())
+}
+
+/// A series by row and joint, so much later than its entry `i`: linear between rows.
+fn at_time(series: &[f64], trajectory: &Trajectory, i: usize, late: f64) -> f64 {
+    if late == 0.0 {
+        return series[i];
+    }
+    let (time, n) = (&trajectory.time, trajectory.joints);
+    let t = time[i / n] + late;
+    let next = time.partition_point(|x| *x <= t);
+    let of = |k: usize| series.get(k * n + i % n).copied().unwrap_or(f64::NAN);
+    let Some(k) = next.checked_sub(1).filter(|_| next < time.len()) else { return f64::NAN };
+    let share = (t - time[k]) / (time[next] - time[k]);
+    (1.0 - share) * of(k) + share * of(next)
 }
 
 /// Slope of a line through the first positions after a start (least squares).

@@ -27,14 +27,19 @@ impl Search<'_> {
             return None;
         }
         let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
-        let mut before = 0;
+        let (mut before, mut efforts) = (0, Vec::new());
+        let behind: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
         for trajectory in self.problem.trajectories {
             let n = trajectory.joints;
             let (thinned, rows) = trajectory.thinned(STRETCH, every);
             let entries = rows.iter().flat_map(|k| (k * n..(k + 1) * n).map(|i| before + i));
+            efforts.extend(entries.clone().zip(&thinned.effort).map(|(i, u)| u.is_finite().then_some(behind + i)));
             part.entries.extend(entries.zip(&thinned.counted).map(|(i, counted)| counted.then_some(i)));
             part.trajectories.push(thinned);
             before += trajectory.rows() * n;
+        }
+        if self.problem.disturbance.reads_efforts() {
+            part.entries.extend(efforts);
         }
         Some(part)
     }

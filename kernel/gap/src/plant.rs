@@ -8,6 +8,7 @@ use sagci_model::{ActuatorLaw, EffectEntry, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
+use crate::observer::DriveSlopes;
 use crate::trajectory::{Drive, Trajectory};
 
 /// A simulator with the laws of its drives.
@@ -46,6 +47,8 @@ pub(crate) struct Motion {
     pub state: State,
     pub ws: StepWorkspace,
     tau: Vec<f64>,
+    /// Efforts behind what happens to commands, at the beginning of the interval.
+    delivered: Vec<f64>,
     /// The state that an interval begins with, and that at the end of the coarse way.
     begin: Kept,
     coarse: Kept,
@@ -97,6 +100,11 @@ impl Motion {
     /// Efforts of the drives in the last step.
     pub fn tau(&self) -> &[f64] {
         &self.tau
+    }
+
+    /// Efforts that the drives gave at the beginning of the last interval, behind what happens to commands.
+    pub fn delivered(&self) -> &[f64] {
+        &self.delivered
     }
 }
 
@@ -159,18 +167,34 @@ impl Plant {
     fn rate(&self) -> f64 {
         let n = self.laws.len();
         let inverse = self.inverse_mass_at(&self.system.state().q);
-        let of = |(j, law): (usize, &Option<ActuatorLaw>)| {
-            let mobility = inverse[j * n + j];
-            let (stiffness, damping) = match law {
-                Some(ActuatorLaw::PositionServo { stiffness, damping, .. }) => (*stiffness, *damping),
-                Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. }) => {
-                    (gain.unwrap_or(0.0) * torque_constant / resistance, torque_constant * torque_constant / resistance)
-                }
-                _ => (0.0, 0.0),
-            };
-            (stiffness * mobility).sqrt().max(damping * mobility)
+        let of = |j: usize| {
+            let (mobility, slopes) = (inverse[j * n + j], self.slopes(j, CommandKind::Position));
+            (-slopes.q * mobility).sqrt().max(-slopes.v * mobility)
         };
-        self.laws.iter().enumerate().map(of).fold(1e-9, f64::max)
+        (0..n).map(of).fold(1e-9, f64::max)
+    }
+
+    /// How the effort of the drive of joint `j` answers while nothing limits it.
+    fn slopes(&self, j: usize, kind: CommandKind) -> DriveSlopes {
+        match &self.laws[j] {
+            Some(ActuatorLaw::PositionServo { stiffness, damping, .. }) => DriveSlopes { input: *stiffness, q: -stiffness, v: -damping },
+            Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. }) => {
+                let per_volt = torque_constant / resistance;
+                let per_radian = gain.unwrap_or(0.0) * per_volt;
+                let input = if kind == CommandKind::Position { per_radian } else { per_volt };
+                DriveSlopes { input, q: -per_radian, v: -torque_constant * per_volt }
+            }
+            _ => DriveSlopes { input: 1.0, q: 0.0, v: 0.0 },
+        }
+    }
+
+    /// The same for all joints of data.
+    pub fn drives(&self, trajectory: &Trajectory) -> Vec<DriveSlopes> {
+        let of = |(j, drive): (usize, &Drive)| match drive {
+            Drive::Command(kind) => self.slopes(j, *kind),
+            _ => DriveSlopes::default(),
+        };
+        trajectory.drive.iter().enumerate().map(of).collect()
     }
 
     /// The same with a learned force besides.
@@ -194,7 +218,15 @@ impl Plant {
         let n = self.system.multibody().nv();
         let state = self.system.state();
         let kept = Kept { q: state.q.clone(), v: state.v.clone(), z: state.z.clone(), time: state.time };
-        Motion { state, ws: self.system.workspace(), tau: vec![0.0; n], begin: kept.clone(), coarse: kept, acceleration: vec![0.0; n] }
+        Motion {
+            state,
+            ws: self.system.workspace(),
+            tau: vec![0.0; n],
+            delivered: vec![0.0; n],
+            begin: kept.clone(),
+            coarse: kept,
+            acceleration: vec![0.0; n],
+        }
     }
 
     /// Effort of the drive of joint `j` at `q`, `v`.
@@ -263,7 +295,7 @@ impl Plant {
 
     fn steps(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, h: f64, count: usize) -> Result<(), GapError> {
         let n = trajectory.joints;
-        for _ in 0..count {
+        for step in 0..count {
             for j in 0..n {
                 let drive = trajectory.drive[j];
                 let u = match self.skew {
@@ -272,13 +304,22 @@ impl Plant {
                 };
                 motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
                 // What was measured is what acted and what the sensor added.
-                if drive == Drive::Effort && self.misread[j] {
-                    motion.tau[j] -= self.system.measure(&motion.state, 0.0, j).effort.value;
+                if drive == Drive::Effort {
+                    motion.tau[j] -= self.misread_effort(motion, j);
                 }
             }
+            let begins = step == 0 && motion.state.time == trajectory.time[k];
             self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &[] }, h)?;
+            if begins {
+                motion.delivered.copy_from_slice(motion.ws.reached());
+            }
         }
         Ok(())
+    }
+
+    /// What the sensor of joint `j` adds to an effort at the state.
+    pub fn misread_effort(&self, motion: &Motion, j: usize) -> f64 {
+        if self.misread[j] { self.system.measure(&motion.state, 0.0, j).effort.value } else { 0.0 }
     }
 
     /// Appends the inverse of the mass matrix at the state. One that cannot be had is zero.
@@ -357,6 +398,11 @@ impl Plant {
         let still = vec![0.0; weights.len()];
         let found = multibody.set_state(&mut ws, q, &still).and_then(|()| multibody.bias_efforts(&mut ws, &mut weights));
         if found.is_ok() { weights } else { still }
+    }
+
+    /// How late the motion goes by its stamps, s: efforts are read by a clock that is right.
+    pub fn shown_late(&self) -> f64 {
+        self.skew.unwrap_or(0.0)
     }
 
     /// Keeps positions between the limits that are kept.

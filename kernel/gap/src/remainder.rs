@@ -21,7 +21,7 @@ use crate::GapError;
 use crate::fit::Fit;
 use crate::flexible;
 use crate::gaps::Measure;
-use crate::observer::{self, Run};
+use crate::observer::{self, Errors, Run};
 use crate::report::Remainder;
 use crate::response::Response;
 use crate::search::{STEP, Search};
@@ -92,13 +92,13 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
 fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>) -> Result<(DVector<f64>, Vec<Run>), GapError> {
     let problem = &search.problem;
     let plant = fit.hypothesis.plant(&fit.hypothesis.x, &problem.limits, STEP)?.with_residual(residual)?;
-    let (mut motion, mut errors, mut runs) = (plant.motion(), Vec::new(), Vec::new());
+    let (mut motion, mut errors, mut runs) = (plant.motion(), Errors::default(), Vec::new());
     for (trajectory, gains) in problem.trajectories.iter().zip(problem.gains(&plant)) {
         let mut run = Run::default();
         observer::run(&plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
         runs.push(Run { gains, ..run });
     }
-    Ok((DVector::from_vec(errors), runs))
+    Ok((Errors::joined(&[errors]), runs))
 }
 
 impl Search<'_> {

@@ -25,6 +25,8 @@ const FAR: usize = 8;
 #[derive(Debug)]
 pub(crate) struct Response {
     rows: Vec<Row>,
+    /// Errors of all kinds: behind those of positions, no force says anything of what drives read.
+    errors: usize,
     joints: usize,
     joint: usize,
     /// The joint's input is a measured effort.
@@ -93,7 +95,7 @@ impl Response {
         let rates: Vec<f64> = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
         let decay = rows.iter().flat_map(|row: &Row| rates.iter().map(|rate| row.decay(*rate))).collect();
         let noisy = search.problem.disturbance.effort[joint] > 0.0;
-        Self { rows, joints: n, joint, noisy, gains, inverse, decay }
+        Self { rows, errors: base.errors.len(), joints: n, joint, noisy, gains, inverse, decay }
     }
 
     /// The forces of an effect along the base run.
@@ -119,7 +121,7 @@ impl Response {
     /// The change of all normalised prediction errors by forces on the joint.
     pub fn errors_of(&self, forces: &[f64]) -> DVector<f64> {
         let n = self.joints;
-        let mut errors = DVector::zeros(self.rows.len() * n);
+        let mut errors = DVector::zeros(self.errors);
         let mut offsets = vec![[0.0; 2]; n];
         let entries = errors.as_mut_slice().chunks_exact_mut(n).zip(self.gains.chunks_exact(n));
         let along = self.inverse.chunks_exact(n).zip(self.decay.chunks_exact(n));

@@ -10,7 +10,7 @@ use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::noise;
-use crate::observer::{self, Disturbance, Run};
+use crate::observer::{self, Disturbance, Errors, Run};
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbour};
@@ -28,7 +28,7 @@ pub(crate) struct Candidate {
 }
 
 /// A model and data, ready to be searched.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Search<'a> {
     pub problem: Problem<'a>,
     /// Names of the degrees of freedom, and the model's joints.
@@ -84,25 +84,20 @@ impl<'a> Search<'a> {
             share: vec![FLOOR; n],
             quiet: typical.iter().map(|a| noise::QUIET * a).collect(),
             effort: (0..n).map(|j| noise::of_efforts(trajectories, j)).collect(),
+            reading: (0..n).map(|j| noise::of_readings(trajectories, j)).collect(),
         };
         let jitter = disturbance.effort.clone();
         let any = |test: &dyn Fn(Drive) -> bool, j: usize| trajectories.iter().any(|t| test(t.drive[j]));
+        let seen = (0..n)
+            .map(|j| Seen {
+                commanded: any(&|d| matches!(d, Drive::Command(_)), j),
+                read: disturbance.reading[j] > 0.0,
+                one_way: one_way(trajectories, j),
+                weighed: weights[j] > WEIGHTLESS * typical[j] * inertias[j],
+            })
+            .collect();
         let problem = Problem::new(trajectories, disturbance, &limits, STEP);
-        Ok(Self {
-            mobility: problem.mobility(&given),
-            problem,
-            seen: (0..n)
-                .map(|j| Seen {
-                    commanded: any(&|d| matches!(d, Drive::Command(_)), j),
-                    one_way: one_way(trajectories, j),
-                    weighed: weights[j] > WEIGHTLESS * typical[j] * inertias[j],
-                })
-                .collect(),
-            names,
-            joints,
-            inertias,
-            jitter,
-        })
+        Ok(Self { mobility: problem.mobility(&given), problem, seen, names, joints, inertias, jitter })
     }
 
     /// The model as given, its known numbers refitted.
@@ -139,9 +134,13 @@ impl<'a> Search<'a> {
         Fit { judged: self.problem.judged(&fit, &self.mobility), ..fit }
     }
 
-    /// How much larger the errors are than the noises make them; at least one.
+    /// How much larger the errors are than the noises make them, those of positions or those of efforts; at least one.
     pub fn scale(&self, fit: &Fit) -> f64 {
-        (fit.squares / self.problem.measured() as f64).sqrt().max(1.0)
+        let (positions, efforts) = (self.problem.positions(), self.problem.efforts());
+        let first: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
+        let of_positions = fit.errors.rows(0, first).norm_squared();
+        let mean = |squares: f64, count: usize| squares / count.max(1) as f64;
+        mean(of_positions, positions).max(mean(fit.squares - of_positions, efforts)).max(1.0).sqrt()
     }
 
     /// Logarithm of a fit's evidence, with the errors by which models are compared.
@@ -259,13 +258,11 @@ impl<'a> Search<'a> {
     pub fn runs(&self, fit: &Fit) -> Result<Vec<Run>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
         let mut motion = plant.motion();
-        let mut errors = Vec::new();
         let mut runs = Vec::new();
         for (trajectory, gains) in self.problem.trajectories.iter().zip(self.problem.gains(&plant)) {
             let mut run = Run { gains, ..Run::default() };
-            errors.clear();
             let gains = run.gains.clone();
-            observer::run(&plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+            observer::run(&plant, trajectory, &gains, &mut motion, &mut Errors::default(), Some(&mut run))?;
             runs.push(run);
         }
         Ok(runs)

@@ -197,6 +197,8 @@ pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Optio
 pub(crate) struct Seen {
     /// A command drove it.
     pub commanded: bool,
+    /// The effort that its drive gave was read beside the command.
+    pub read: bool,
     /// It went one way only.
     pub one_way: bool,
     /// Gravity moves it.

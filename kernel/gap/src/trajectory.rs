@@ -83,7 +83,7 @@ pub(crate) struct Trajectory {
     /// Accelerations around each row, rad/s^2 or m/s^2, and efforts, N m or N.
     pub liveliness: Vec<f64>,
     pub strain: Vec<f64>,
-    /// Measured efforts of joints that a command drives; NaN where nothing was measured.
+    /// Measured efforts of joints that a command drives; NaN where nothing was measured, and just after a start.
     pub effort: Vec<f64>,
     /// What acts until the next time; NaN where a motor's circuit is open.
     pub input: Vec<f64>,
@@ -131,6 +131,12 @@ impl Trajectory {
         let names = joint_names(model)?;
         let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
         self.counted = self.tested(noises, &self.stoppable(model)?);
+        let (starts, n) = (self.starts.clone(), self.joints);
+        for (at, start) in starts.iter().enumerate() {
+            let end = starts.get(at + 1).copied().unwrap_or(self.rows());
+            let burnt = (*start..end).take_while(|k| self.burns_in(*start, *k)).count();
+            self.effort[start * n..(start + burnt) * n].fill(f64::NAN);
+        }
         self.liveliness = self.by_row(noise::liveliness);
         self.strain = self.by_row(|t, j| noise::strain(t, j, law(j)));
         Ok(())
@@ -338,8 +344,14 @@ impl Trajectory {
             let end = thinned.starts.get(at + 1).copied().unwrap_or(rows.len());
             let burnt = (*start..end).take_while(|k| thinned.burns_in(*start, *k)).count();
             thinned.counted[start * n..(start + burnt) * n].fill(false);
+            thinned.effort[start * n..(start + burnt) * n].fill(f64::NAN);
         }
         (thinned, rows)
+    }
+
+    /// Number of efforts that were measured beside commands.
+    pub fn efforts(&self) -> usize {
+        self.effort.iter().filter(|u| u.is_finite()).count()
     }
 
     /// Positions of one joint, NaN where nothing was measured.

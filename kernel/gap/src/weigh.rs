@@ -9,7 +9,7 @@ use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
 use crate::hypothesis::{Fitted, Knob};
-use crate::observer::Disturbance;
+use crate::observer::{Disturbance, Run};
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::span::Span;
@@ -27,10 +27,12 @@ const NEARLY: f64 = 0.95;
 /// falls to such a share.
 pub(crate) const MATERIAL: f64 = FLOOR;
 const TRIFLE: f64 = 0.1 * FLOOR;
-const FALL: f64 = 0.7;
+pub(crate) const FALL: f64 = 0.7;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
+/// Gap, in shares of the joints' ranges, from which on a model is lost within a window.
+const LOST: f64 = 0.1;
 /// How many of the best are weighed anew under another noise, and the evidence within which they may change places.
 const LOOKED_AT: usize = 6;
 const NEAR: f64 = 30.0;
@@ -194,8 +196,21 @@ impl<'a> Search<'a> {
             return false;
         }
         let fewer = self.problem.persistence(&more.errors, &(&less.errors - &more.errors));
-        let gap = self.gap(model, window);
-        gain > CONVINCING * fewer || gap(more) < FALL * gap(less)
+        gain > CONVINCING * fewer || self.left_of_gap(model, less, more, window) < FALL
+    }
+
+    /// Share of the gap of one fit that another leaves. Where the first is lost within a window, what is left of that says little of the second:
+    /// then it is asked over short ones.
+    pub fn left_of_gap(&self, model: &ObjectModel, less: &Fit, more: &Fit, window: f64) -> f64 {
+        let over = |window: f64| {
+            let gap = self.gap(model, window);
+            [gap(less), gap(more)]
+        };
+        let [mut before, mut after] = over(window);
+        if before > LOST && window > SHORT {
+            [before, after] = over(SHORT);
+        }
+        after / before.max(f64::MIN_POSITIVE)
     }
 
     /// Does a fit with another name take the place of one that is settled? `gain` is what the evidence gains by it. By little it does only if
@@ -207,17 +222,17 @@ impl<'a> Search<'a> {
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
     /// of the gap: a small loss does over a long swing. `force` is [`Self::force_between`] the two fits. Of a large force the gap is not
-    /// asked: where a model sticks or hits something, windows go one way or the other by little.
+    /// asked: where a model sticks or hits something, windows go one way or the other by little. Nor is it of what an effort that is read beside
+    /// a command shows.
     pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
         if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
-        if force >= LARGE {
+        if force >= LARGE || self.read_between(&(&less.errors - &more.errors), &self.runs(less)?) >= MATERIAL {
             return Ok(true);
         }
-        let gap = self.gap(model, window);
         let share = if force < MATERIAL { FALL } else { SMALLER };
-        Ok(gap(more) < share * gap(less))
+        Ok(self.left_of_gap(model, less, more, window) < share)
     }
 
     /// Is a fit's last effect a shift in time that stamps and steps of any source are off by?
@@ -237,7 +252,7 @@ impl<'a> Search<'a> {
     }
 
     /// Size of the force by which two fits differ, beyond what the known numbers can make of it: RMS, as a share of what accelerates the
-    /// joint around each row, on the joint where it is largest.
+    /// joint around each row, on the joint where it is largest. By as much efforts may differ that are read beside a command.
     pub fn force_between(&self, less: &Fit, more: &Fit) -> Result<f64, GapError> {
         let runs = self.runs(less)?;
         let quiet = &self.problem.disturbance.quiet;
@@ -252,7 +267,29 @@ impl<'a> Search<'a> {
             let shares = force.iter().zip(around).map(|(f, a)| f / a);
             (shares.map(|s| s * s).sum::<f64>() / force.len() as f64).sqrt()
         };
-        Ok((0..self.names.len()).map(size).fold(0.0, f64::max))
+        Ok((0..self.names.len()).map(size).fold(self.read_between(&change, &runs), f64::max))
+    }
+
+    /// Size of what efforts beside commands differ by where errors differ so: RMS, as a share of the efforts around each row, on the joint where
+    /// it is largest.
+    fn read_between(&self, change: &DVector<f64>, runs: &[Run]) -> f64 {
+        if !self.problem.disturbance.reads_efforts() {
+            return 0.0;
+        }
+        let n = self.names.len();
+        let first: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
+        let strain = self.problem.trajectories.iter().flat_map(|t| t.strain.iter());
+        let deviations = runs.iter().flat_map(|run| run.gains.efforts());
+        let mut sums = vec![[0.0; 3]; n];
+        for (i, ((e, deviation), strain)) in change.iter().skip(first).zip(deviations).zip(strain).enumerate() {
+            if *deviation > 0.0 {
+                let [square, all, count] = &mut sums[i % n];
+                *square += (e * deviation).powi(2);
+                *all += strain * strain;
+                *count += 1.0;
+            }
+        }
+        sums.iter().filter(|s| s[1] > 0.0).map(|[square, all, _]| (square / all).sqrt()).fold(0.0, f64::max)
     }
 
     /// RMS of what the effects change of the force, over all joints.
@@ -281,7 +318,8 @@ impl<'a> Search<'a> {
         // How often the floor has been raised already.
         let raised = now.share[0] / FLOOR;
         let mobility = self.problem.mobility(&plant);
-        let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility);
+        let drives = self.problem.drives(&plant);
+        let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility, &drives);
         let part = self.part();
         let trajectories = part.as_ref().map_or(self.problem.trajectories, |p| &p.trajectories);
         let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised]);

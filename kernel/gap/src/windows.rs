@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::GapError;
 use crate::noise;
-use crate::observer::{self, Gains, Noise, Run};
+use crate::observer::{self, Errors, Gains, Noise, Run};
 use crate::plant::{Motion, Plant};
 use crate::trajectory::{Drive, Trajectory};
 
@@ -66,9 +66,9 @@ pub(crate) fn likely_noise(
     let cost = |factors: [f64; 2]| -> f64 {
         let one = |trajectory: &Trajectory| {
             let gains = Gains::new(trajectory, &noise(factors));
-            let mut errors = Vec::new();
+            let mut errors = Errors::default();
             let run = observer::run(plant, trajectory, &gains, &mut plant.motion(), &mut errors, None);
-            run.map_or(f64::INFINITY, |()| 0.5 * errors.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
+            run.map_or(f64::INFINITY, |()| 0.5 * errors.position.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
         };
         trajectories.par_iter().map(one).sum()
     };
@@ -180,13 +180,11 @@ impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
         let noise = noise.likely(plant, trajectories);
         let mut motion = plant.motion();
-        let mut errors = Vec::new();
         let mut runs = Vec::new();
         for trajectory in trajectories {
             let gains = Gains::new(trajectory, &noise);
             let mut run = Run::default();
-            errors.clear();
-            observer::run(plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+            observer::run(plant, trajectory, &gains, &mut motion, &mut Errors::default(), Some(&mut run))?;
             observer::smooth(&mut run, trajectory, &gains);
             runs.push(run);
         }

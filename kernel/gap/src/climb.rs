@@ -1,0 +1,222 @@
+//! One name after the other, each the likeliest beside those before it (forward selection, Miller 2002, chapter 3), and again from other first
+//! names where the likeliest leaves a force and predicts badly: one that is shaped like two of them together may come before either.
+
+use sagci_model::ObjectModel;
+
+use crate::GapError;
+use crate::choice::Choice;
+use crate::fit::Fit;
+use crate::gaps::Measure;
+use crate::search::{Candidate, Search};
+use crate::weigh::{CONVINCING, FALL, MATERIAL};
+
+/// Most effects that are looked for at once.
+const MOST: usize = 4;
+/// Other first names that are tried, and the share of the likeliest's gain in evidence that they need.
+const RIVALS: usize = 2;
+const NEARLY: f64 = 0.8;
+
+/// What is asked, and who hears of it.
+pub(crate) struct Ascent<'a> {
+    pub model: &'a ObjectModel,
+    /// Length of the windows over which positions are predicted, s.
+    pub window: f64,
+    pub seed: u64,
+    pub say: &'a dyn Fn(&str),
+}
+
+/// Where a search has come to.
+#[derive(Debug, Clone)]
+pub(crate) struct Climb<'a> {
+    pub search: Search<'a>,
+    /// The model without names, its known numbers refitted.
+    pub base: Fit,
+    pub current: Fit,
+    pub scale: f64,
+    pub chosen: Vec<Choice>,
+    /// What was not named in the end, and what it says beyond the model without it.
+    pub lost: Vec<(&'static str, f64)>,
+    /// A force without a name says more than the best name that was left.
+    pub nameless_won: bool,
+    /// The likeliest, where a plainer one was put before it.
+    passed: Option<Vec<Candidate>>,
+    /// Where it stood when the first name was to be chosen, among which.
+    first: Option<Box<First<'a>>>,
+}
+
+#[derive(Debug, Clone)]
+struct First<'a> {
+    search: Search<'a>,
+    base: Fit,
+    scale: f64,
+    candidates: Vec<Candidate>,
+    here: f64,
+    nameless: f64,
+}
+
+impl<'a> Climb<'a> {
+    /// Of a model whose known numbers are refitted.
+    pub fn new(search: Search<'a>, base: Fit) -> Self {
+        let scale = search.scale(&base);
+        let current = base.clone();
+        Self { search, base, current, scale, chosen: Vec::new(), lost: Vec::new(), nameless_won: false, passed: None, first: None }
+    }
+
+    /// Names what is there.
+    pub fn finish(mut self, ascent: &Ascent<'_>) -> Result<Self, GapError> {
+        self.ascend(ascent)?;
+        let search = &self.search;
+        if self.chosen.is_empty() || search.many_joints() || !search.leaves_a_force(&self.current, self.scale)? {
+            return Ok(self);
+        }
+        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
+        if !measure.is_far(&self.current.hypothesis, ascent.seed) {
+            return Ok(self);
+        }
+        let mut best: Option<Self> = None;
+        for mut rival in self.rivals() {
+            (ascent.say)(&format!("  looking again from {}", rival.chosen[0].best.effect));
+            // One that cannot be simulated on its way is none.
+            if rival.ascend(ascent).is_ok() && rival.beats(best.as_ref().unwrap_or(&self), ascent) {
+                best = Some(rival);
+            }
+        }
+        Ok(best.unwrap_or(self))
+    }
+
+    fn ascend(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
+        while self.chosen.len() < MOST && self.names_one(ascent)? {}
+        let Self { search, scale, .. } = self;
+        let scale = *scale;
+        // A plainer name that leaves a force over gives way to the likeliest, if that does not.
+        if let ([_], true) = (self.chosen.as_slice(), search.leaves_a_force(&self.current, scale)?)
+            && let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
+            && search.evidence(&alone, scale) > search.evidence(&self.current, scale) + CONVINCING
+            && !search.leaves_a_force(&alone, scale)?
+            && let Some(last) = self.chosen.pop()
+        {
+            (ascent.say)(&format!("  {} leaves nothing of what {} does", instead[0].effect, last.best.effect));
+            self.chosen.push(last.giving_way_to(&instead, scale));
+            self.current = alone;
+        }
+        Ok(())
+    }
+
+    /// Names one more; none if none is there.
+    fn names_one(&mut self, ascent: &Ascent<'_>) -> Result<bool, GapError> {
+        let Ascent { model, window, say, .. } = *ascent;
+        say(&format!("looking for {} missing effect", if self.chosen.is_empty() { "a" } else { "another" }));
+        let mut candidates = self.search.stage(&self.current, self.scale)?;
+        let Some(first) = candidates.first() else { return Ok(false) };
+        let mut next = self.search.scale(&first.fit);
+        if let Some(noise) = self.search.likelier_noise(&first.fit)? {
+            let before = self.search.evidence(&self.current, self.scale);
+            self.search = self.search.clone().with_noise(noise);
+            self.base = self.search.refit(&self.base, next)?;
+            self.current = if self.chosen.is_empty() { self.base.clone() } else { self.search.refit(&self.current, next)? };
+            candidates = self.search.weigh_anew(&self.current, candidates, before, next);
+            next = candidates.iter().map(|c| self.search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
+        }
+        self.scale = next;
+        let (search, scale, current) = (&self.search, self.scale, &self.current);
+        search.rank(&mut candidates, scale);
+        let here = search.evidence(current, scale);
+        let likeliest = candidates.clone();
+        search.prefer_simpler(model, &mut candidates, here, window)?;
+        search.prefer_two(model, current, &mut candidates, scale, window)?;
+        let Some(best) = candidates.first() else { return Ok(false) };
+        let gain = best.evidence - here;
+        say(&format!("  most likely: {}", best_three(&candidates, here)));
+        let force = search.force_between(current, &best.fit)?;
+        let nameless = search.nameless(current, scale)?;
+        say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
+        // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
+        let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(current, scale);
+        let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
+        let is_there = |fit: &Fit, force: f64| -> Result<bool, GapError> {
+            let gain = search.evidence(fit, scale) - here;
+            Ok(search.is_convincing(model, current, fit, gain, window) && search.is_material(model, current, fit, force, window)?)
+        };
+        // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
+        let settled = (gain > CONVINCING).then(|| search.settle(&best.fit, scale));
+        let there = match &settled {
+            Some(fit) => is_there(&best.fit, force)? || is_there(fit, search.force_between(current, fit)?)?,
+            None => false,
+        };
+        let Some(settled) = settled.filter(|_| there) else {
+            self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
+            self.lost = beside(&candidates, here);
+            return Ok(false);
+        };
+        // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
+        // alone says what the plainer one and this say, that is the shape.
+        if !self.chosen.is_empty() && force < MATERIAL && search.force_between(current, &settled)? < MATERIAL {
+            if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
+                && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
+                && let Some(last) = self.chosen.pop()
+            {
+                say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
+                self.chosen.push(last.giving_way_to(&instead, scale));
+                self.current = alone;
+                return Ok(true);
+            }
+            self.lost = beside(&candidates, here);
+            return Ok(false);
+        }
+        let explained = search.explained(current, &best.fit);
+        if self.chosen.is_empty() {
+            let (search, base) = (search.clone(), self.base.clone());
+            self.first = Some(Box::new(First { search, base, scale, candidates: candidates.clone(), here, nameless: without_name }));
+        }
+        self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
+        self.current = settled;
+        self.chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
+        Ok(true)
+    }
+
+    /// Climbs that begin with other first names.
+    fn rivals(&self) -> Vec<Self> {
+        let Some(First { search, base, scale, candidates, here, nameless }) = self.first.as_deref() else { return Vec::new() };
+        let named = |c: &Candidate| self.chosen.iter().any(|chosen| chosen.best.effect == c.effect && chosen.best.joint == c.joint);
+        let gain = |c: &Candidate| c.evidence - here;
+        let likely = |i: &usize| !named(&candidates[*i]) && gain(&candidates[*i]) > NEARLY * gain(&candidates[0]);
+        let begin = |i: usize| {
+            let mut all = candidates.clone();
+            all[..=i].rotate_right(1);
+            let explained = search.explained(base, &all[0].fit);
+            Self {
+                current: search.settle(&all[0].fit, *scale),
+                chosen: vec![Choice::new(&all, *here, *nameless, explained, *scale)],
+                ..Self::new(search.clone(), base.clone())
+            }
+        };
+        let begin = |i: usize| {
+            let climb = begin(i);
+            Self { scale: climb.search.scale(&climb.current), ..climb }
+        };
+        (0..candidates.len()).filter(likely).take(RIVALS).map(begin).collect()
+    }
+
+    /// Is it the likelier of two, each name being asked for its share, and does it predict whole windows much better? Evidence alone is sure of
+    /// names that make every row a little likelier and lose the motion within a window.
+    fn beats(&self, other: &Self, ascent: &Ascent<'_>) -> bool {
+        // Under the noise of the one that asks for less of it.
+        let noisier = self.search.problem.disturbance.share > other.search.problem.disturbance.share;
+        let search = if noisier { &other.search } else { &self.search };
+        let on = |climb: &Self| climb.current.under(&search.problem).and_then(|fit| search.fit_on(fit, self.scale.min(other.scale)));
+        let (Ok(own), Ok(theirs)) = (on(self), on(other)) else { return false };
+        let scale = search.scale(&own).min(search.scale(&theirs));
+        let worth = |fit: &Fit, climb: &Self| search.evidence(fit, scale) - CONVINCING * climb.chosen.len() as f64;
+        worth(&own, self) > worth(&theirs, other) + CONVINCING && search.left_of_gap(ascent.model, &theirs, &own, ascent.window) < FALL
+    }
+}
+
+/// Candidates, and what each says beyond the model without it.
+fn beside(candidates: &[Candidate], here: f64) -> Vec<(&'static str, f64)> {
+    candidates.iter().map(|c| (c.effect, c.evidence - here)).collect()
+}
+
+fn best_three(candidates: &[Candidate], here: f64) -> String {
+    let all: Vec<String> = candidates.iter().take(3).map(|c| format!("{} ({:+.1})", c.effect, c.evidence - here)).collect();
+    all.join(", ")
+}
