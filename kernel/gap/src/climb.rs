@@ -12,6 +12,8 @@ use crate::weigh::{CONVINCING, FALL, MATERIAL};
 
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
+/// Gain in evidence from which on a name that makes windows no better is looked at beside another.
+const SURE: f64 = 10.0 * CONVINCING;
 /// Other first names that are tried, and the share of the likeliest's gain in evidence that they need.
 const RIVALS: usize = 2;
 const NEARLY: f64 = 0.8;
@@ -140,7 +142,11 @@ impl<'a> Climb<'a> {
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = (gain > CONVINCING).then(|| search.settle(&best.fit, scale));
         let there = match &settled {
-            Some(fit) => is_there(&best.fit, force)? || is_there(fit, search.force_between(current, fit)?)?,
+            Some(fit) => {
+                is_there(&best.fit, force)?
+                    || is_there(fit, search.force_between(current, fit)?)?
+                    || gain > SURE && force > MATERIAL && !search.many_joints() && self.shows_with_another(fit, ascent)?
+            }
             None => false,
         };
         let Some(settled) = settled.filter(|_| there) else {
@@ -172,6 +178,19 @@ impl<'a> Climb<'a> {
         self.current = settled;
         self.chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
         Ok(true)
+    }
+
+    /// Does a name make windows no better only because another is missing as well? With the likeliest one beside it they are much better.
+    fn shows_with_another(&self, fit: &Fit, ascent: &Ascent<'_>) -> Result<bool, GapError> {
+        let (search, scale) = (&self.search, self.scale);
+        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
+        if !measure.is_far(&self.current.hypothesis, ascent.seed) {
+            return Ok(false);
+        }
+        let Some(second) = search.stage(fit, scale)?.into_iter().next() else { return Ok(false) };
+        let gain = second.evidence - search.evidence(fit, scale);
+        Ok(search.is_convincing(ascent.model, fit, &second.fit, gain, ascent.window)
+            && search.left_of_gap(ascent.model, &self.current, &second.fit, ascent.window) < FALL)
     }
 
     /// Climbs that begin with other first names.

@@ -276,7 +276,9 @@ fn of_effect(description: &'static Description, entry: usize, prismatic: bool, v
     let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
     numbers
         .filter_map(|(parameter, value)| {
-            let (logarithmic, mean, deviation) = match parameter.prior_of_second.filter(|_| second).unwrap_or(parameter.prior)[side] {
+            let second = parameter.of_second.filter(|_| second);
+            let (unit, prior) = second.map_or((parameter.unit, parameter.prior), |s| (s.unit, s.prior));
+            let (logarithmic, mean, deviation) = match prior[side] {
                 Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
                 Prior::LogNormal { median, spread } => (true, median.ln(), spread),
                 Prior::Normal { mean, deviation } => (false, mean, deviation),
@@ -289,7 +291,7 @@ fn of_effect(description: &'static Description, entry: usize, prismatic: bool, v
             };
             let difference = if logarithmic { 2e-3 } else { 2e-3 * deviation };
             let knob = Knob::Effect(entry, parameter.name);
-            let fitted = Fitted { knob, unit: parameter.unit[side], logarithmic, bounds, prior: [mean, deviation], difference };
+            let fitted = Fitted { knob, unit: unit[side], logarithmic, bounds, prior: [mean, deviation], difference };
             let x = fitted.coordinate(*value).clamp(bounds[0], bounds[1]);
             Some((fitted, x))
         })

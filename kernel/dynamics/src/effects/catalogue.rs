@@ -141,17 +141,18 @@ pub fn page() -> String {
     text += "\n| effect | acts on | parameter | unit | bounds | expected (turning) | expected (sliding) |\n|---|---|---|---|---|---|---|\n";
     for d in CATALOGUE.iter().map(|e| e.description()) {
         for p in d.parameters {
-            let unit = if p.unit[0] == p.unit[1] { p.unit[0].to_owned() } else { format!("{}, {}", p.unit[0], p.unit[1]) };
-            let [turning, sliding] = p.prior.map(|prior| expected(p, &prior));
-            let _ = writeln!(
-                text,
-                "| `{}` | {} | `{}` | {unit} | {} to {} | {turning} | {sliding} |",
-                d.name,
-                acts(d.acts),
-                p.name,
-                p.bounds[0],
-                p.bounds[1]
-            );
+            let mut row = |name: &str, unit: [&str; 2], prior: [Prior; 2]| {
+                let unit = if unit[0] == unit[1] { unit[0].to_owned() } else { unit.join(", ") };
+                let [turning, sliding] = prior.map(|prior| expected(p, &prior));
+                let bounds = format!("{} to {}", p.bounds[0], p.bounds[1]);
+                let _ = writeln!(text, "| `{}` | {} | {name} | {unit} | {bounds} | {turning} | {sliding} |", d.name, acts(d.acts));
+            };
+            let name = format!("`{}`", p.name);
+            row(&name, p.unit, p.prior);
+            let choice = d.parameters.iter().find_map(|c| Some((c.name, c.words.get(1)?)));
+            if let (Some(second), Some((of, word))) = (p.of_second, choice) {
+                row(&format!("{name}, `{of}: {word}`"), second.unit, second.prior);
+            }
         }
     }
     text

@@ -10,11 +10,11 @@ static DESCRIPTION: Description = Description {
     summary: "a measured position or effort drifts: bias + rate t",
     acts: Acts::Measurement(2),
     parameters: &[
-        Parameter::new("bias", ["rad or N m", "m or N"], ANY, [near(0.0, 0.02), near(0.0, 0.02)])
+        Parameter::new("bias", ["rad", "m"], ANY, [near(0.0, 0.02), near(0.0, 0.02)])
             // As a bias of torque, and as much in a minute.
-            .or([near(0.0, 1.0), near(0.0, 5.0)]),
-        Parameter::new("rate", ["rad/s or N m/s", "m/s or N/s"], ANY, [near(0.0, 1e-3), near(0.0, 1e-3)])
-            .or([near(0.0, 0.02), near(0.0, 0.1)]),
+            .or(["N m", "N"], [near(0.0, 1.0), near(0.0, 5.0)]),
+        Parameter::new("rate", ["rad/s", "m/s"], ANY, [near(0.0, 1e-3), near(0.0, 1e-3)])
+            .or(["N m/s", "N/s"], [near(0.0, 0.02), near(0.0, 0.1)]),
         Parameter::choice("of", &["position", "effort"]),
     ],
     signature: "goes with time, and not with the state",

@@ -91,8 +91,8 @@ pub struct Parameter {
     pub bounds: [f64; 2],
     /// What is expected before anything is measured, on a joint that turns, and on one that slides.
     pub prior: [Prior; 2],
-    /// The same where the effect's choice is its second word, if that changes it.
-    pub prior_of_second: Option<[Prior; 2]>,
+    /// Unit and prior where the effect's choice is its second word, if that changes them.
+    pub of_second: Option<OfSecond>,
     /// The prior's size is a published figure, and not an engineer's estimate.
     pub cited: bool,
     /// Words for the values of [`Prior::OneOf`], under which `model.yaml` gives them as `choices`; the first is the default.
@@ -103,7 +103,7 @@ pub struct Parameter {
 impl Parameter {
     /// An estimate.
     pub(in crate::effects) const fn new(name: &'static str, unit: [&'static str; 2], bounds: [f64; 2], prior: [Prior; 2]) -> Self {
-        Self { name, unit, bounds, prior, prior_of_second: None, cited: false, words: &[] }
+        Self { name, unit, bounds, prior, of_second: None, cited: false, words: &[] }
     }
 
     /// A choice among words.
@@ -111,15 +111,24 @@ impl Parameter {
         Self { words, ..Self::new(name, ["1", "1"], [0.0, 1.0], [Prior::OneOf(&[0.0, 1.0]); 2]) }
     }
 
-    /// The same, with another prior where the effect's choice is its second word.
-    pub(in crate::effects) const fn or(self, prior: [Prior; 2]) -> Self {
-        Self { prior_of_second: Some(prior), ..self }
+    /// The same, with another unit and prior where the effect's choice is its second word.
+    pub(in crate::effects) const fn or(self, unit: [&'static str; 2], prior: [Prior; 2]) -> Self {
+        Self { of_second: Some(OfSecond { unit, prior }), ..self }
     }
 
     /// The same with a published size.
     pub(in crate::effects) const fn cited(self) -> Self {
         Self { cited: true, ..self }
     }
+}
+
+/// What a parameter is where the effect's choice is its second word: see [`Parameter`].
+#[derive(Debug, Clone, Copy)]
+pub struct OfSecond {
+    /// Unit on a joint that turns, and on one that slides.
+    pub unit: [&'static str; 2],
+    /// What is expected before anything is measured.
+    pub prior: [Prior; 2],
 }
 
 /// What a parameter is expected to be.
