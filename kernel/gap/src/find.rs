@@ -118,7 +118,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 continue;
             };
             let (with, without) = (search.evidence(&current, scale), search.evidence(&less, scale));
-            if !search.is_convincing(model, &less, &current, with - without, options.window) {
+            if !search.is_convincing(model, &less, &current, with - without, options.window)
+                && !search.is_needed(model, &less, &current, options.window)
+            {
                 say(&format!("  {} says no more than the others do ({:+.1})", chosen[at].best.effect, with - without));
                 current = less;
                 chosen.remove(at);

@@ -89,7 +89,7 @@ fn invented(
     seed: u64,
 ) -> Vec<Trajectory> {
     let efforts: Vec<f64> = (0..windows.1.len()).map(|j| noise::of_efforts(data, j)).collect();
-    smoothed.invent(plant, data, (&noise.likely(follower, data), &efforts), windows, seed)
+    smoothed.invent(plant, data, (&noise.likely_at_most(follower, data), &efforts), windows, seed)
 }
 
 #[allow(clippy::too_many_arguments)]

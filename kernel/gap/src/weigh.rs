@@ -14,7 +14,7 @@ use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::span::Span;
 use crate::trajectory::Trajectory;
-use crate::windows::{SHORT, likely_noise};
+use crate::windows::{SHORT, Seek, likely_noise};
 
 /// Logarithm of the Bayes factor that an effect needs.
 pub(crate) const CONVINCING: f64 = 10.0;
@@ -213,11 +213,16 @@ impl<'a> Search<'a> {
         after / before.max(f64::MIN_POSITIVE)
     }
 
-    /// Does a fit with another name take the place of one that is settled? `gain` is what the evidence gains by it. By little it does only if
-    /// it predicts whole windows no worse.
+    /// Does a fit with another name take the place of one that is settled? `gain` is what the evidence gains by it. It predicts whole windows not
+    /// much worse, and where it gains little no worse at all.
     pub fn takes_the_place(&self, model: &ObjectModel, other: &Fit, settled: &Fit, gain: f64, window: f64) -> bool {
-        let gap = self.gap(model, window);
-        gain > CONVINCING || gain > 1.0 && gap(other) <= gap(settled)
+        let most = if gain > CONVINCING { 1.0 / FALL } else { 1.0 };
+        gain > 1.0 && self.left_of_gap(model, settled, other, window) <= most
+    }
+
+    /// Is a name needed that evidence does not ask for? Without it whole windows are predicted much worse.
+    pub fn is_needed(&self, model: &ObjectModel, without: &Fit, with: &Fit, window: f64) -> bool {
+        self.left_of_gap(model, without, with, window) < FALL
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
@@ -322,7 +327,7 @@ impl<'a> Search<'a> {
         let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility, &drives);
         let part = self.part();
         let trajectories = part.as_ref().map_or(self.problem.trajectories, |p| &p.trajectories);
-        let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised]);
+        let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised], Seek::Cautiously);
         let likelier = now.times(factors);
         Ok((likelier != self.problem.disturbance).then_some(likelier))
     }

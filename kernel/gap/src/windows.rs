@@ -51,6 +51,18 @@ pub(crate) struct Smoothed {
 const ACCELERATIONS: [f64; 12] = [0.05, 0.15, 0.4, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0];
 const POSITIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 
+/// How often factors are sought along both.
+const ROUNDS: usize = 2;
+
+/// How factors on the noises are sought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seek {
+    /// That on positions first, and from the least on: what is not likelier soon is not believed.
+    Cautiously,
+    /// To all sides, either first.
+    Everywhere,
+}
+
 /// No bounds.
 const ANY: [f64; 2] = [0.0, f64::INFINITY];
 
@@ -62,8 +74,9 @@ pub(crate) fn likely_noise(
     trajectories: &[Trajectory],
     noise: &(dyn Fn([f64; 2]) -> Noise + Sync),
     range: [f64; 2],
+    seek: Seek,
 ) -> [f64; 2] {
-    let cost = |factors: [f64; 2]| -> f64 {
+    let run = |factors: [f64; 2]| -> f64 {
         let one = |trajectory: &Trajectory| {
             let gains = Gains::new(trajectory, &noise(factors));
             let mut errors = Errors::default();
@@ -72,39 +85,68 @@ pub(crate) fn likely_noise(
         };
         trajectories.par_iter().map(one).sum()
     };
-    // Along one, then along the others: the cost has one valley.
-    let mut best = (cost([1.0; 2]), [1.0; 2]);
-    for _ in 0..2 {
-        let before = best.1;
-        for (along, factors) in [&POSITIONS[..], &ACCELERATIONS[..]].into_iter().enumerate() {
-            let mut worse = 0;
-            for factor in factors.iter().filter(|f| along != 1 || (range[0]..=range[1]).contains(*f)) {
-                let mut tried = best.1;
-                tried[along] = *factor;
-                let found = cost(tried);
-                if found < best.0 {
-                    best = (found, tried);
-                    worse = 0;
-                } else {
-                    worse += 1;
-                }
-                // An observer that follows too softly loses an arm that falls, whatever the factors nearby.
-                if worse > 1 && best.0.is_finite() {
-                    break;
+    // Along one, then along the other, from where it stands to both sides. Either may come first: to a model that is lost any noise of positions
+    // seems too small, and where that is not white any of accelerations.
+    let mut known: Vec<([f64; 2], f64)> = Vec::new();
+    let mut cost = |factors: [f64; 2]| -> f64 {
+        if let Some((_, found)) = known.iter().find(|(at, _)| *at == factors) {
+            return *found;
+        }
+        let found = run(factors);
+        known.push((factors, found));
+        found
+    };
+    let accelerations: Vec<f64> = ACCELERATIONS.into_iter().filter(|f| (range[0]..=range[1]).contains(f)).collect();
+    let mut valley = |order: [usize; 2]| {
+        let mut best = (cost([1.0; 2]), [1.0; 2]);
+        for _ in 0..ROUNDS {
+            let before = best.1;
+            for along in order {
+                let factors = if along == 0 { &POSITIONS[..] } else { &accelerations };
+                let here = best.1[along];
+                let up: Vec<f64> = factors.iter().copied().filter(|f| *f > here).collect();
+                let down: Vec<f64> = factors.iter().rev().copied().filter(|f| *f < here).collect();
+                let sides = if seek == Seek::Cautiously { vec![factors.to_vec()] } else { vec![up, down] };
+                for side in sides {
+                    let mut worse = 0;
+                    for factor in side {
+                        let mut tried = best.1;
+                        tried[along] = factor;
+                        let found = cost(tried);
+                        if found < best.0 {
+                            best = (found, tried);
+                            worse = 0;
+                        } else {
+                            worse += 1;
+                        }
+                        // An observer that follows too softly loses an arm that falls, whatever the factors nearby.
+                        if worse > 1 && best.0.is_finite() {
+                            break;
+                        }
+                    }
                 }
             }
+            if before == best.1 {
+                break;
+            }
         }
-        if before == best.1 {
-            break;
-        }
-    }
-    best.1
+        best
+    };
+    let orders: &[[usize; 2]] = if seek == Seek::Cautiously { &[[0, 1]] } else { &[[1, 0], [0, 1]] };
+    let ends = orders.iter().map(|order| valley(*order));
+    ends.min_by(|a, b| a.0.total_cmp(&b.0)).map_or([1.0; 2], |best| best.1)
 }
 
 impl Noise {
     /// The same, as large as makes a plant's prediction errors most likely.
     pub fn likely(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        self.times(likely_noise(plant, trajectories, &|factors| self.times(factors), ANY))
+        self.times(likely_noise(plant, trajectories, &|factors| self.times(factors), ANY, Seek::Everywhere))
+    }
+
+    /// The same, accelerations at the most as they are: what a plant lacks is none of their noise.
+    pub fn likely_at_most(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
+        let [positions, accelerations] = likely_noise(plant, trajectories, &|factors| self.times(factors), ANY, Seek::Everywhere);
+        self.times([positions, accelerations.min(1.0)])
     }
 }
 
