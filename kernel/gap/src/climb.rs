@@ -203,15 +203,13 @@ impl<'a> Climb<'a> {
             let mut all = candidates.clone();
             all[..=i].rotate_right(1);
             let explained = search.explained(base, &all[0].fit);
+            let current = search.settle(&all[0].fit, *scale);
             Self {
-                current: search.settle(&all[0].fit, *scale),
+                scale: search.scale(&current),
                 chosen: vec![Choice::new(&all, *here, *nameless, explained, *scale)],
+                current,
                 ..Self::new(search.clone(), base.clone())
             }
-        };
-        let begin = |i: usize| {
-            let climb = begin(i);
-            Self { scale: climb.search.scale(&climb.current), ..climb }
         };
         (0..candidates.len()).filter(likely).take(RIVALS).map(begin).collect()
     }

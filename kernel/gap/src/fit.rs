@@ -70,7 +70,12 @@ impl<'a> Problem<'a> {
 
     /// How a plant's drives answer.
     pub fn drives(&self, plant: &Plant) -> Vec<DriveSlopes> {
-        self.trajectories.first().map_or_else(Vec::new, |t| plant.drives(t))
+        plant.drives(self.trajectories, self.middle.len())
+    }
+
+    /// Entries by row and joint in all data: so many errors are of positions, and behind them as many of efforts, where any are read.
+    pub fn entries(&self) -> usize {
+        self.trajectories.iter().map(|t| t.position.len()).sum()
     }
 
     /// How much efforts accelerate a plant's joints within a row, where the data mostly are, by columns.
@@ -116,8 +121,8 @@ impl<'a> Problem<'a> {
     /// Where the errors of a trajectory's rows are, first those of positions and then those of efforts, as far as there are any. `first` is
     /// that of the trajectory's first row.
     fn banks(&self, errors: &DVector<f64>, first: usize) -> impl Iterator<Item = usize> {
-        let rows: usize = self.trajectories.iter().map(|t| t.rows() * t.joints).sum();
-        (0..errors.len() / rows.max(1)).map(move |bank| bank * rows + first)
+        let entries = self.entries();
+        (0..errors.len() / entries.max(1)).map(move |bank| bank * entries + first)
     }
 
     /// How many errors say as much of a change as one that is independent of others: how much larger the variance of `<change, errors>`

@@ -79,7 +79,8 @@ fn times(values: &[f64], factor: f64) -> Vec<f64> {
     values.iter().map(|x| factor * x).collect()
 }
 
-/// How a drive's effort answers to its input, its position and its velocity.
+/// How a drive's effort answers: by its input (1, N m/rad or N m/V), its position (N m/rad) and its velocity (N m s/rad); N for N m and m for rad
+/// where a joint slides.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct DriveSlopes {
     pub input: f64,

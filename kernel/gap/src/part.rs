@@ -28,7 +28,7 @@ impl Search<'_> {
         }
         let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
         let (mut before, mut efforts) = (0, Vec::new());
-        let behind: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
+        let behind = self.problem.entries();
         for trajectory in self.problem.trajectories {
             let n = trajectory.joints;
             let (thinned, rows) = trajectory.thinned(STRETCH, every);

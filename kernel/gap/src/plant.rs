@@ -188,13 +188,15 @@ impl Plant {
         }
     }
 
-    /// The same for all joints of data.
-    pub fn drives(&self, trajectory: &Trajectory) -> Vec<DriveSlopes> {
-        let of = |(j, drive): (usize, &Drive)| match drive {
-            Drive::Command(kind) => self.slopes(j, *kind),
-            _ => DriveSlopes::default(),
+    /// The same for all joints, by the commands that data have for each.
+    pub fn drives(&self, trajectories: &[Trajectory], joints: usize) -> Vec<DriveSlopes> {
+        let command = |j: usize| {
+            trajectories.iter().find_map(|t| match t.drive[j] {
+                Drive::Command(kind) => Some(kind),
+                _ => None,
+            })
         };
-        trajectory.drive.iter().enumerate().map(of).collect()
+        (0..joints).map(|j| command(j).map_or_else(DriveSlopes::default, |kind| self.slopes(j, kind))).collect()
     }
 
     /// The same with a learned force besides.

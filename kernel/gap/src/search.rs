@@ -137,8 +137,7 @@ impl<'a> Search<'a> {
     /// How much larger the errors are than the noises make them, those of positions or those of efforts; at least one.
     pub fn scale(&self, fit: &Fit) -> f64 {
         let (positions, efforts) = (self.problem.positions(), self.problem.efforts());
-        let first: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
-        let of_positions = fit.errors.rows(0, first).norm_squared();
+        let of_positions = fit.errors.rows(0, self.problem.entries()).norm_squared();
         let mean = |squares: f64, count: usize| squares / count.max(1) as f64;
         mean(of_positions, positions).max(mean(fit.squares - of_positions, efforts)).max(1.0).sqrt()
     }

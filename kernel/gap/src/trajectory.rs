@@ -131,12 +131,7 @@ impl Trajectory {
         let names = joint_names(model)?;
         let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
         self.counted = self.tested(noises, &self.stoppable(model)?);
-        let (starts, n) = (self.starts.clone(), self.joints);
-        for (at, start) in starts.iter().enumerate() {
-            let end = starts.get(at + 1).copied().unwrap_or(self.rows());
-            let burnt = (*start..end).take_while(|k| self.burns_in(*start, *k)).count();
-            self.effort[start * n..(start + burnt) * n].fill(f64::NAN);
-        }
+        self.forget_starts();
         self.liveliness = self.by_row(noise::liveliness);
         self.strain = self.by_row(|t, j| noise::strain(t, j, law(j)));
         Ok(())
@@ -340,13 +335,19 @@ impl Trajectory {
             continues: self.continues,
             joints: n,
         };
-        for (at, start) in thinned.starts.iter().enumerate() {
-            let end = thinned.starts.get(at + 1).copied().unwrap_or(rows.len());
-            let burnt = (*start..end).take_while(|k| thinned.burns_in(*start, *k)).count();
-            thinned.counted[start * n..(start + burnt) * n].fill(false);
-            thinned.effort[start * n..(start + burnt) * n].fill(f64::NAN);
-        }
+        thinned.forget_starts();
         (thinned, rows)
+    }
+
+    /// Rows just after a start are not counted.
+    fn forget_starts(&mut self) {
+        let n = self.joints;
+        for (at, start) in self.starts.iter().enumerate() {
+            let end = self.starts.get(at + 1).copied().unwrap_or(self.time.len());
+            let burnt = (*start..end).take_while(|k| self.burns_in(*start, *k)).count();
+            self.counted[start * n..(start + burnt) * n].fill(false);
+            self.effort[start * n..(start + burnt) * n].fill(f64::NAN);
+        }
     }
 
     /// Number of efforts that were measured beside commands.

@@ -233,7 +233,8 @@ impl<'a> Search<'a> {
         if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
-        if force >= LARGE || self.read_between(&(&less.errors - &more.errors), &self.runs(less)?) >= MATERIAL {
+        let is_read = || Ok::<bool, GapError>(self.read_between(&(&less.errors - &more.errors), &self.runs(less)?) >= MATERIAL);
+        if force >= LARGE || self.problem.disturbance.reads_efforts() && is_read()? {
             return Ok(true);
         }
         let share = if force < MATERIAL { FALL } else { SMALLER };
@@ -282,19 +283,17 @@ impl<'a> Search<'a> {
             return 0.0;
         }
         let n = self.names.len();
-        let first: usize = self.problem.trajectories.iter().map(|t| t.position.len()).sum();
         let strain = self.problem.trajectories.iter().flat_map(|t| t.strain.iter());
         let deviations = runs.iter().flat_map(|run| run.gains.efforts());
-        let mut sums = vec![[0.0; 3]; n];
-        for (i, ((e, deviation), strain)) in change.iter().skip(first).zip(deviations).zip(strain).enumerate() {
+        let mut sums = vec![[0.0; 2]; n];
+        for (i, ((e, deviation), strain)) in change.iter().skip(self.problem.entries()).zip(deviations).zip(strain).enumerate() {
             if *deviation > 0.0 {
-                let [square, all, count] = &mut sums[i % n];
+                let [square, all] = &mut sums[i % n];
                 *square += (e * deviation).powi(2);
                 *all += strain * strain;
-                *count += 1.0;
             }
         }
-        sums.iter().filter(|s| s[1] > 0.0).map(|[square, all, _]| (square / all).sqrt()).fold(0.0, f64::max)
+        sums.iter().filter(|s| s[1] > 0.0).map(|[square, all]| (square / all).sqrt()).fold(0.0, f64::max)
     }
 
     /// RMS of what the effects change of the force, over all joints.
