@@ -111,6 +111,10 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
         }
     }
     hypothesis.known = hypothesis.x.len();
+    // A run for each number of an arm would be most of the work.
+    if search.many_joints() {
+        return Search { problem, ..search.clone() }.in_response(hypothesis, scale);
+    }
     let start = Fit::start(&problem, hypothesis)?;
     let all: Vec<usize> = (0..start.hypothesis.x.len()).collect();
     let jacobian = problem.jacobian(&start.hypothesis, &start.hypothesis.x, &start.errors, &all)?;

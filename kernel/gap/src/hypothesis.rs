@@ -209,10 +209,10 @@ impl Hypothesis {
         self
     }
 
-    /// The same, its losses as the model states them, if one of them is off by more than so many standard deviations of its prior: without
-    /// what is missing it may have been fitted to where a fit with it does not find back from.
-    pub fn as_given(&self, deviations: f64) -> Option<Self> {
-        let loss = |f: &Fitted| matches!(f.knob, Knob::Damping(_) | Knob::Friction(_));
+    /// The same, its losses as the model states them, those of one of its joints or of all, if one of them is off by more than so many standard
+    /// deviations of its prior: without what is missing it may have been fitted to where a fit with it does not find back from.
+    pub fn as_given(&self, deviations: f64, of: Option<usize>) -> Option<Self> {
+        let loss = |f: &Fitted| matches!(f.knob, Knob::Damping(j) | Knob::Friction(j) if of.is_none_or(|only| only == j));
         let off = |f: &Fitted, x: f64| loss(f) && (x - f.prior[0]).abs() > deviations * f.prior[1];
         self.fitted.iter().zip(&self.x).any(|(f, x)| off(f, *x)).then(|| {
             let x = self.fitted.iter().zip(&self.x).map(|(f, x)| if loss(f) { f.prior[0] } else { *x }).collect();

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::GapError;
 use crate::fit::Fit;
-use crate::hypothesis::Knob;
+use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Run;
 use crate::plant::Plant;
 use crate::response::Response;
@@ -72,16 +72,17 @@ impl Search<'_> {
         let asked = along.efforts(&plant(&hypothesis.x)?, n)?;
         let model = hypothesis.model_at(&hypothesis.x);
         let slot = |joint: &usize| self.joints.iter().position(|j| j == joint);
-        // A logarithm's derivative is the number itself.
+        // By a number's logarithm it is the number itself.
+        let by = |fitted: &Fitted, value: f64| if fitted.logarithmic { value } else { 1.0 };
         let resisting = |slot: Option<usize>, of: &dyn Fn(f64) -> f64| -> Vec<f64> {
             along.v.iter().enumerate().map(|(i, v)| if Some(i % n) == slot { of(*v) } else { 0.0 }).collect()
         };
         let column = |p: usize| -> Result<DVector<f64>, GapError> {
             let fitted = &hypothesis.fitted[p];
             let forces = match &fitted.knob {
-                Knob::Damping(joint) => resisting(slot(joint), &|v| model.joints[*joint].damping * v),
+                Knob::Damping(joint) => resisting(slot(joint), &|v| by(fitted, model.joints[*joint].damping) * v),
                 Knob::Friction(joint) => {
-                    resisting(slot(joint), &|v| if v == 0.0 { 0.0 } else { model.joints[*joint].friction * v.signum() })
+                    resisting(slot(joint), &|v| if v == 0.0 { 0.0 } else { by(fitted, model.joints[*joint].friction) * v.signum() })
                 }
                 Knob::Mass(_) | Knob::CenterOfMass(..) | Knob::Inertia(_) => {
                     let mut moved = hypothesis.x.clone();

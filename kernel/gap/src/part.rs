@@ -13,6 +13,17 @@ const ENOUGH: usize = 10_000;
 /// Length of a stretch, s: much longer than the filter remembers.
 const STRETCH: f64 = 1.0;
 
+/// Of how many stretches one tells enough, where so many errors are in all.
+fn every(errors: usize) -> usize {
+    (errors as f64 / ENOUGH as f64).round() as usize
+}
+
+/// Stretches that tell enough of the noise; none where that takes all of the data.
+pub(crate) fn stretches(trajectories: &[Trajectory]) -> Option<Vec<Trajectory>> {
+    let every = every(trajectories.iter().map(|t| t.position.len()).sum());
+    (every > 1).then(|| trajectories.iter().map(|t| t.thinned(STRETCH, every).0).collect())
+}
+
 /// Stretches of all trajectories, and which entries of the whole errors they are, `None` where one is not counted.
 pub(crate) struct Part {
     pub trajectories: Vec<Trajectory>,
@@ -22,7 +33,7 @@ pub(crate) struct Part {
 impl Search<'_> {
     /// The part by which a search begins; none where all of the data are no more than that.
     pub fn part(&self) -> Option<Part> {
-        let every = (self.problem.measured() as f64 / ENOUGH as f64).round() as usize;
+        let every = every(self.problem.measured());
         if !self.many_joints() || every < 2 {
             return None;
         }

@@ -54,6 +54,11 @@ struct Row {
 }
 
 impl Row {
+    /// Does dry friction hold the joint over the row?
+    fn holds(&self) -> bool {
+        self.next == 0.0 && self.h > 0.0
+    }
+
     /// Over the row, of `v' = a - rate v`: factors of `v` and `a` in the next velocity, and in the change of position.
     fn decay(&self, rate: f64) -> [f64; 4] {
         let (h, x) = (self.h, self.h * rate);
@@ -140,8 +145,8 @@ impl Response {
                 let [kept, gained, moved, shifted] = decay[i];
                 offsets[i] = [q + moved * v + shifted * a, kept * v + gained * a];
             }
-            // Dry friction that holds takes the force, too.
-            if row.next == 0.0 && row.h > 0.0 {
+            // Dry friction takes the force, too.
+            if row.holds() {
                 offsets[self.joint] = [held - gains[self.joint][0] * held, 0.0];
             }
         }
@@ -169,6 +174,12 @@ impl Response {
                 Place { q: row.q, v: row.v, input: input(k), time: row.time, run, since }
             })
             .collect()
+    }
+
+    /// Share of the rows over which dry friction holds the joint.
+    pub fn sticking(&self) -> f64 {
+        let held = self.rows.iter().filter(|r| r.holds()).count();
+        held as f64 / self.rows.len().max(1) as f64
     }
 
     /// Position, velocity and input of each row.

@@ -26,6 +26,8 @@ const FIRST_ROUNDS: usize = 3;
 const ROUNDS: usize = 8;
 /// An effect that explains less than this share of what the best one explains is not looked at further.
 const HOPE: f64 = 0.3;
+/// The same for one of few numbers: its fit is soon made, and a richer one that bends where known numbers were led astray imitates it.
+const LITTLE_HOPE: f64 = 0.1;
 /// Logarithm of the evidence below which a small force will not be convincing.
 pub(crate) const NEAR: f64 = 10.0;
 /// Share of the evidence of the best force on any joint that is asked of one on others.
@@ -37,7 +39,12 @@ const LOCAL: f64 = 0.3;
 /// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
 const REPEATS: f64 = 1.5;
 
+/// Most numbers of a plain effect, and the share of the time for which a joint is held, from which on it is asked in the simulator.
+const PLAIN: usize = 2;
+const STICKS: f64 = 0.02;
+
 /// An effect at a place, and where a fit of it begins.
+#[derive(Clone)]
 struct Try {
     effect: &'static dyn Effect,
     joint: Option<usize>,
@@ -45,8 +52,18 @@ struct Try {
     hypothesis: Hypothesis,
     /// Its force is a function of the run that the model makes without it.
     linear: bool,
+    /// It is a force on its joint, and has few numbers.
+    plain: bool,
     /// Of its numbers those that were fitted where one run was looked at.
     numbers: usize,
+}
+
+impl Try {
+    /// The same in the simulator, where the model holds the joint by dry friction a good part of the time and no force shows in the linear
+    /// response: a plain one is not to be passed over for a rich one that imitates it.
+    fn asked_where_it_sticks(&self, response: &Response) -> Option<Self> {
+        (self.plain && response.sticking() > STICKS).then(|| Self { linear: false, ..self.clone() })
+    }
 }
 
 /// A start that was looked at: what came of it, its values, and how one run with it changes the errors.
@@ -61,6 +78,8 @@ pub(crate) struct Screened {
     pub hypothesis: Hypothesis,
     /// Roughly the logarithm of its evidence over that of the base model.
     pub worth: f64,
+    /// It is a force on its joint, and has few numbers.
+    pub plain: bool,
 }
 
 impl Search<'_> {
@@ -89,9 +108,11 @@ impl Search<'_> {
             };
             let hypothesis = Hypothesis { x, ..t.hypothesis };
             let (effect, joint, linear) = (t.effect.description().name, t.joint, t.linear);
-            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth }, change.map(|c| (t.values, c))))
+            let plain = t.plain;
+            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, plain }, change.map(|c| (t.values, c))))
         };
         let mut tries = self.tries(base, views);
+        tries.extend(tries.iter().filter_map(|t| t.asked_where_it_sticks(responses.get(t.joint?)?)).collect::<Vec<_>>());
         if self.many_joints() {
             tries = self.promising(base, tries, &responses, &span);
         }
@@ -136,7 +157,8 @@ impl Search<'_> {
                 for values in starts(description.name, &views[at]) {
                     let Ok(hypothesis) = base.hypothesis.with(description.name, named, &values) else { continue };
                     let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * way, REPEATS * TAU / way);
-                    tries.push(Try { effect: *effect, joint, values, hypothesis, linear, numbers: 1 });
+                    let plain = linear && hypothesis.x.len() - base.hypothesis.x.len() <= PLAIN;
+                    tries.push(Try { effect: *effect, joint, values, hypothesis, linear, plain, numbers: 1 });
                 }
             }
         }
@@ -168,7 +190,7 @@ impl Search<'_> {
             let shared: Vec<(f64, &[f64])> = shares.iter().copied().zip(parts.iter().map(|p| p.1.as_slice())).collect();
             let values = starts::sum(name, &shared)?;
             let hypothesis = base.hypothesis.with(name, joint.map(|j| self.names[j].as_str()), &values).ok()?;
-            Some(Try { effect: effects::find(name).ok()?, joint, values, hypothesis, linear: false, numbers: n })
+            Some(Try { effect: effects::find(name).ok()?, joint, values, hypothesis, linear: false, plain: false, numbers: n })
         };
         groups.into_iter().filter(|(_, parts)| parts.len() > 1).filter_map(sum).collect()
     }
@@ -288,7 +310,8 @@ fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
     ranked.retain(|r| {
         place += 1;
         let first = &r[0];
-        (first.worth > -NEAR || !first.linear) && (place <= 4 || first.worth > HOPE * most[usize::from(first.linear)])
+        let hope = if first.plain { LITTLE_HOPE } else { HOPE };
+        (first.worth > -NEAR || !first.linear) && (place <= 4 || first.worth > hope * most[usize::from(first.linear)])
     });
     ranked
 }
@@ -346,7 +369,7 @@ mod tests {
     #[test]
     fn what_one_run_promises_does_not_silence_what_was_fitted() {
         let screened = |effect: &'static str, linear: bool, worth: f64| {
-            vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth }]
+            vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, plain: false }]
         };
         // A door that sticks: a skew shakes it loose, and promises more than it can keep.
         let friction = ["viscous_friction", "stribeck_friction", "asymmetric_friction", "latch", "position_dependent_friction"];

@@ -103,16 +103,16 @@ impl<'a> Search<'a> {
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
         let Some(part) = self.part() else {
-            let fit = self.known_in_response(model, scale)?;
+            let fit = self.in_response(Hypothesis::known(model, &self.joints), scale)?;
             return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
         };
-        let begun = self.over(&part.trajectories).known_in_response(model, scale)?;
+        let begun = self.over(&part.trajectories).in_response(Hypothesis::known(model, &self.joints), scale)?;
         self.refit(&begun, scale)
     }
 
-    /// The same by derivatives in the linear response.
-    fn known_in_response(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
-        let mut fit = Fit::start(&self.problem, Hypothesis::known(model, &self.joints))?;
+    /// Known numbers fitted by derivatives in the linear response, those that the data can tell.
+    pub fn in_response(&self, known: Hypothesis, scale: f64) -> Result<Fit, GapError> {
+        let mut fit = Fit::start(&self.problem, known)?;
         fit.jacobian = self.derivatives_by_known(&fit)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
         let column = |f: &Fitted| fit.hypothesis.fitted.iter().position(|all| all.knob == f.knob).map(|i| fit.jacobian[i].clone());
@@ -194,7 +194,7 @@ impl<'a> Search<'a> {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
-            let known = if fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
+            let known = if self.many_joints() || fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
             let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
             let evidence = self.evidence(&fit, scale);
             evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
@@ -206,7 +206,9 @@ impl<'a> Search<'a> {
         };
         let mut begins: Vec<(&str, Option<usize>, Hypothesis)> = Vec::new();
         for Screened { effect, joint, hypothesis, .. } in self.screen(base, views, scale)? {
-            begins.extend(hypothesis.as_given(LED_ASTRAY).filter(|_| !self.many_joints()).map(|given| (effect, joint, given)));
+            // Losses of an arm's other joints are what their own data say.
+            let own = joint.filter(|_| self.many_joints()).map(|j| self.joints[j]);
+            begins.extend(hypothesis.as_given(LED_ASTRAY, own).map(|given| (effect, joint, given)));
             begins.push((effect, joint, hypothesis));
         }
         let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();

@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::GapError;
 use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise, Run};
+use crate::part;
 use crate::plant::{Motion, Plant};
 use crate::trajectory::{Drive, Trajectory};
 
@@ -140,13 +141,19 @@ pub(crate) fn likely_noise(
 impl Noise {
     /// The same, as large as makes a plant's prediction errors most likely.
     pub fn likely(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        self.times(likely_noise(plant, trajectories, &|factors| self.times(factors), ANY, Seek::Everywhere))
+        self.times(self.likely_factors(plant, trajectories))
     }
 
     /// The same, accelerations at the most as they are: what a plant lacks is none of their noise.
     pub fn likely_at_most(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        let [positions, accelerations] = likely_noise(plant, trajectories, &|factors| self.times(factors), ANY, Seek::Everywhere);
+        let [positions, accelerations] = self.likely_factors(plant, trajectories);
         self.times([positions, accelerations.min(1.0)])
+    }
+
+    fn likely_factors(&self, plant: &Plant, trajectories: &[Trajectory]) -> [f64; 2] {
+        let part = part::stretches(trajectories);
+        let data = part.as_deref().unwrap_or(trajectories);
+        likely_noise(plant, data, &|factors| self.times(factors), ANY, Seek::Everywhere)
     }
 }
 
