@@ -27,7 +27,8 @@
 //! e_k = (tau_k - tau(x_k, u_k)) / s_k,   s_k^2 = noise^2 + (share of the effort)^2 + (slopes)^T P_k (slopes) + (what a row changes)^2 / 4
 //! ```
 //!
-//! the last because nobody says whether it was read before or after the row's command came. It moves no state.
+//! the last because nobody says whether it was read before or after the row's command came. When it was read in all of them, from a row before
+//! to a row after, is the number that fits best, so that a drive's delay is not taken for that. It moves no state.
 
 use nalgebra::DVector;
 
@@ -319,13 +320,36 @@ pub(crate) fn run(
             plant.inverse_mass(motion, &mut run.inverse);
         }
     }
-    let late = plant.shown_late();
-    errors.effort.extend(gains.efforts.iter().enumerate().map(|(i, deviation)| {
-        let e = (trajectory.effort[i] - at_time(&read, trajectory, i, late)) / deviation;
-        // The last row of a stretch has no interval.
-        if e.is_finite() { e } else { 0.0 }
-    }));
+    errors.effort.extend(read_errors(&read, trajectory, gains, plant.shown_late()));
     Ok(())
+}
+
+/// Normalised errors of efforts read beside commands, as they would be read by the model, where the motion goes so late by its stamps, s.
+fn read_errors(read: &[f64], trajectory: &Trajectory, gains: &Gains, late: f64) -> Vec<f64> {
+    let h = trajectory.period();
+    let later = |shift: f64| -> Vec<f64> {
+        let error = |(i, deviation): (usize, &f64)| (trajectory.effort[i] - at_time(read, trajectory, i, late + shift)) / deviation;
+        gains.efforts.iter().enumerate().map(error).collect()
+    };
+    let mut errors = later(0.0);
+    // When in its row an effort was read is one number, the same in all rows: the one that fits best.
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for side in [later(h), later(-h)] {
+        let change: Vec<f64> = side.iter().zip(&errors).map(|(s, e)| if (s - e).is_finite() { s - e } else { 0.0 }).collect();
+        let all = || change.iter().zip(&errors).filter(|(_, e)| e.is_finite());
+        let (slope, size) = all().fold((0.0, 0.0), |(a, b), (c, e)| (a + c * e, b + c * c));
+        let share = if size > 0.0 { (-slope / size).clamp(0.0, 1.0) } else { 0.0 };
+        let fall = -share * (2.0 * slope + share * size);
+        if fall > best.as_ref().map_or(0.0, |b| b.0) {
+            best = Some((fall, change.iter().map(|c| share * c).collect()));
+        }
+    }
+    if let Some((_, change)) = best {
+        errors.iter_mut().zip(change).for_each(|(e, c)| *e += c);
+    }
+    // The last row of a stretch has no interval.
+    errors.iter_mut().filter(|e| !e.is_finite()).for_each(|e| *e = 0.0);
+    errors
 }
 
 /// A series by row and joint, so much later than its entry `i`: linear between rows.

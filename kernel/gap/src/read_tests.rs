@@ -84,3 +84,21 @@ fn what_is_read_of_a_right_model_is_off_by_the_noise() {
     let mean = fit.errors.rows(positions, positions).norm_squared() / search.problem.efforts() as f64;
     assert!((0.3..1.1).contains(&mean), "{mean}");
 }
+
+/// Some record what a drive gave over the row before, some over the row: neither is a delay of the drive. Further away is one.
+#[test]
+fn when_in_its_row_an_effort_was_read_is_no_delay() {
+    let model = door();
+    let off = |rows: usize| {
+        let mut log = commanded(&model, 1, |_, u| u);
+        let Some(read) = &mut log.joints[0].effort else { panic!("no readings") };
+        read.value.rotate_right(rows);
+        let logs = [Trajectory::new(&log, &model).unwrap()];
+        let search = Search::new(&model, &logs).unwrap();
+        let fit = search.known(&model, 1.0).unwrap();
+        let positions = logs[0].position.len();
+        fit.errors.rows(positions, positions).norm_squared() / search.problem.efforts() as f64
+    };
+    let (now, before, long_before) = (off(0), off(1), off(3));
+    assert!(before < 1.2 * now && long_before > 2.0 * now, "{now} {before} {long_before}");
+}
