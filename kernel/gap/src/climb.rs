@@ -155,8 +155,9 @@ impl<'a> Climb<'a> {
             return Ok(false);
         };
         // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
-        // alone says what the plainer one and this say, that is the shape.
-        if !self.chosen.is_empty() && force < MATERIAL && search.force_between(current, &settled)? < MATERIAL {
+        // alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without it is one.
+        let small = !self.chosen.is_empty() && force < MATERIAL && search.force_between(current, &settled)? < MATERIAL;
+        if small && !self.brings_near(&settled, ascent) {
             if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
                 && let Some(last) = self.chosen.pop()
@@ -178,6 +179,13 @@ impl<'a> Climb<'a> {
         self.current = settled;
         self.chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
         Ok(true)
+    }
+
+    /// Are windows far off, and much less so by a fit?
+    fn brings_near(&self, fit: &Fit, ascent: &Ascent<'_>) -> bool {
+        let search = &self.search;
+        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
+        measure.is_far(&self.current.hypothesis, ascent.seed) && search.left_of_gap(ascent.model, &self.current, fit, ascent.window) < FALL
     }
 
     /// Does a name make windows no better only because another is missing as well? With the likeliest one beside it they are much better.

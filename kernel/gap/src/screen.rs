@@ -59,10 +59,12 @@ struct Try {
 }
 
 impl Try {
-    /// The same in the simulator, where the model holds the joint by dry friction a good part of the time and no force shows in the linear
-    /// response: a plain one is not to be passed over for a rich one that imitates it.
-    fn asked_where_it_sticks(&self, response: &Response) -> Option<Self> {
-        (self.plain && response.sticking() > STICKS).then(|| Self { linear: false, ..self.clone() })
+    /// The same in the simulator, where the linear response does not hold. Where dry friction holds the model's joint a good part of the time, no
+    /// force shows: a plain one is not to be passed over for a rich one that imitates it. A stop is stiff, and the response makes it soft.
+    fn asked_in_a_run(&self, response: &Response) -> Option<Self> {
+        let hidden = self.plain && response.sticking() > STICKS;
+        let stiff = self.effect.description().name == "hard_stop";
+        (hidden || stiff).then(|| Self { linear: false, ..self.clone() })
     }
 }
 
@@ -112,7 +114,7 @@ impl Search<'_> {
             worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, plain }, change.map(|c| (t.values, c))))
         };
         let mut tries = self.tries(base, views);
-        tries.extend(tries.iter().filter_map(|t| t.asked_where_it_sticks(responses.get(t.joint?)?)).collect::<Vec<_>>());
+        tries.extend(tries.iter().filter_map(|t| t.asked_in_a_run(responses.get(t.joint?)?)).collect::<Vec<_>>());
         if self.many_joints() {
             tries = self.promising(base, tries, &responses, &span);
         }
@@ -120,7 +122,7 @@ impl Search<'_> {
         let begun: Vec<_> = tries.into_par_iter().filter_map(&screened).collect();
         let sums = self.sums(base, &begun, &span, scale);
         let begun = begun.into_iter().chain(sums.into_par_iter().filter_map(&screened).collect::<Vec<_>>()).map(|(screened, _)| screened);
-        // What was fitted in the linear response has one best start; of others the second may lead further.
+        // What was fitted in the linear response has one best start; of those that were run the second may lead further.
         let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
         for candidate in begun {
             best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
@@ -128,7 +130,12 @@ impl Search<'_> {
         let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
         for starts in &mut ranked {
             starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
-            starts.truncate(if starts[0].linear { 1 } else { STARTS });
+            let mut kept = [0, 0];
+            starts.retain(|s| {
+                let kept = &mut kept[usize::from(s.linear)];
+                *kept += 1;
+                *kept <= if s.linear { 1 } else { STARTS }
+            });
         }
         Ok(worth_a_fit(ranked).into_iter().flatten().collect())
     }
@@ -366,17 +373,34 @@ mod tests {
     use super::*;
     use crate::tests::door;
 
+    fn screened(effect: &'static str, linear: bool, plain: bool, worth: f64) -> Vec<Screened> {
+        vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, plain }]
+    }
+
+    fn kept(all: Vec<Vec<Screened>>) -> Vec<&'static str> {
+        worth_a_fit(all).iter().map(|r| r[0].effect).collect()
+    }
+
     #[test]
     fn what_one_run_promises_does_not_silence_what_was_fitted() {
-        let screened = |effect: &'static str, linear: bool, worth: f64| {
-            vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, plain: false }]
-        };
         // A door that sticks: a skew shakes it loose, and promises more than it can keep.
         let friction = ["viscous_friction", "stribeck_friction", "asymmetric_friction", "latch", "position_dependent_friction"];
-        let mut all = vec![screened("clock_skew", false, 2320.0)];
-        all.extend(friction.into_iter().zip([275.0, 261.0, 257.0, 246.0, 243.0]).map(|(e, worth)| screened(e, true, worth)));
-        all.push(screened("torque_bias", true, 20.0));
-        let kept: Vec<&str> = worth_a_fit(all).iter().map(|r| r[0].effect).collect();
+        let mut all = vec![screened("clock_skew", false, false, 2320.0)];
+        all.extend(friction.into_iter().zip([275.0, 261.0, 257.0, 246.0, 243.0]).map(|(e, worth)| screened(e, true, false, worth)));
+        all.push(screened("torque_bias", true, true, 20.0));
+        let kept = kept(all);
         assert_eq!(kept[1..], friction, "{kept:?}");
+    }
+
+    #[test]
+    fn a_plain_force_is_not_silenced_by_rich_ones_that_bend_to_it() {
+        // A pendulum whose friction was led astray by a bias.
+        let rich = ["detent", "latch", "cable_hysteresis", "air_suction", "presliding_hysteresis"];
+        let mut all: Vec<_> =
+            rich.into_iter().zip([2164.0, 1275.0, 901.0, 783.0, 754.0]).map(|(e, w)| screened(e, true, false, w)).collect();
+        all.push(screened("hard_stop", true, false, 556.0));
+        all.push(screened("torque_bias", true, true, 504.0));
+        let kept = kept(all);
+        assert!(kept.contains(&"torque_bias") && !kept.contains(&"hard_stop"), "{kept:?}");
     }
 }

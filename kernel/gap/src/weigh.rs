@@ -139,7 +139,8 @@ impl<'a> Search<'a> {
     }
 
     /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by, or
-    /// predicts whole windows no worse: what is left between them is no ground to name the richer one. `here` is the evidence without any.
+    /// predicts whole windows no worse, or where that one is not convincing beside it: what is left between them is no ground to name the richer
+    /// one. `here` is the evidence without any.
     pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
@@ -150,7 +151,8 @@ impl<'a> Search<'a> {
             if count(candidate) < count(&candidates[chosen])
                 && candidate.evidence - here > 0.5 * (best.evidence - here)
                 && (self.force_between(&candidate.fit, &best.fit)? < SAME
-                    || candidate.evidence - here > NEARLY * (best.evidence - here) && predicts_as_well(candidate))
+                    || candidate.evidence - here > NEARLY * (best.evidence - here) && predicts_as_well(candidate)
+                    || !self.is_convincing(model, &candidate.fit, &best.fit, best.evidence - candidate.evidence, window))
             {
                 chosen = i;
             }
