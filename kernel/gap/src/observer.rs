@@ -326,6 +326,9 @@ pub(crate) fn run(
 
 /// Normalised errors of efforts read beside commands, as they would be read by the model, where the motion goes so late by its stamps, s.
 fn read_errors(read: &[f64], trajectory: &Trajectory, gains: &Gains, late: f64) -> Vec<f64> {
+    if gains.efforts.is_empty() {
+        return Vec::new();
+    }
     let h = trajectory.period();
     let later = |shift: f64| -> Vec<f64> {
         let error = |(i, deviation): (usize, &f64)| (trajectory.effort[i] - at_time(read, trajectory, i, late + shift)) / deviation;
