@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::DVector;
 use sagci_dynamics::effects::{self, Acts};
 use sagci_model::JointKind;
 
 use crate::fit::Fit;
-use crate::hypothesis::{Fitted, Knob};
+use crate::hypothesis::Knob;
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
 use crate::search::{Candidate, FLOOR, Search};
 
@@ -34,29 +33,45 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    pub fn new(candidates: &[Candidate], here: f64, nameless: f64, explained: f64, scale: f64) -> Self {
+    /// The first of all candidates. `here` is the evidence without any.
+    pub fn new(search: &Search<'_>, candidates: &[Candidate], here: f64, nameless: f64, explained: f64, scale: f64) -> Self {
         let best = candidates[0].clone();
         let mut this =
             Self { gain: best.evidence - here, best, others: Vec::new(), alike: Vec::new(), equivalent: &[], nameless, explained };
-        this.around(candidates, [this.best.evidence, here], scale);
+        this.around(search, candidates, [this.best.evidence, here], scale);
         this
     }
 
     /// The first of other candidates for the same place.
-    pub fn giving_way_to(&self, instead: &[Candidate], scale: f64) -> Self {
-        Self::new(instead, self.best.evidence - self.gain, self.nameless, self.explained, scale)
+    pub fn giving_way_to(&self, search: &Search<'_>, instead: &[Candidate], scale: f64) -> Self {
+        Self::new(search, instead, self.best.evidence - self.gain, self.nameless, self.explained, scale)
     }
 
     /// `with` and `without` it, by evidence; `scale` is that of the errors.
-    pub fn around(&mut self, candidates: &[Candidate], [with, without]: [f64; 2], scale: f64) {
+    pub fn around(&mut self, search: &Search<'_>, candidates: &[Candidate], [with, without]: [f64; 2], scale: f64) {
         self.gain = with - without;
-        let same = |c: &&Candidate| (c.effect, c.joint) != (self.best.effect, self.best.joint);
-        self.others = candidates.iter().filter(same).map(|c| (c.effect, c.joint, with - c.evidence)).collect();
-        let itself = candidates.iter().find(|c| !same(c)).unwrap_or(&self.best).clone();
-        let near = |c: &&Candidate| (with - c.evidence).abs() < ALIKE && (c.joint == itself.joint || c.effect != itself.effect);
-        let says_more = |c: &&Candidate| c.fit.hypothesis.x.len() <= itself.fit.hypothesis.x.len() || !idle(&c.fit, scale);
-        let rivals = candidates.iter().filter(same).filter(near).filter(says_more);
-        self.alike = std::iter::once(itself.clone()).chain(rivals.cloned()).collect();
+        let same = |c: &&Candidate| (c.effect, c.joint) == (self.best.effect, self.best.joint);
+        let itself = candidates.iter().find(same).unwrap_or(&self.best).clone();
+        // All as they were fitted together: one that was fitted on since says more than others would, too. Errors that go on from row to row say
+        // less of the difference than as many that are independent.
+        let less = |c: &Candidate| {
+            let less = itself.evidence - c.evidence;
+            if less.abs() < ALIKE {
+                less
+            } else {
+                less / search.problem.persistence(&itself.fit.errors, &(&c.fit.errors - &itself.fit.errors))
+            }
+        };
+        let beside: Vec<(&Candidate, f64)> = candidates.iter().filter(|c| !same(c)).map(|c| (c, less(c))).collect();
+        self.others = beside.iter().map(|(c, less)| (c.effect, c.joint, *less)).collect();
+        // Of one channel, a name with an idle number is the plainer one again; of another it is another cause.
+        let numbers = |c: &Candidate| c.fit.hypothesis.x.len();
+        let says_more =
+            |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
+        let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
+        let rival = |(c, less): &&(&Candidate, f64)| less.abs() < ALIKE && !elsewhere(c) && says_more(c);
+        let rivals = beside.iter().filter(rival).map(|(c, _)| (*c).clone());
+        self.alike = std::iter::once(itself.clone()).chain(rivals).collect();
     }
 }
 
@@ -64,10 +79,7 @@ impl Choice {
 fn idle(fit: &Fit, scale: f64) -> bool {
     let fitted = &fit.hypothesis.fitted;
     let last = fitted.iter().filter_map(|f| if let Knob::Effect(e, _) = f.knob { Some(e) } else { None }).next_back();
-    let says_nothing = |(f, column): (&Fitted, &DVector<f64>)| {
-        matches!(f.knob, Knob::Effect(e, _) if Some(e) == last) && column.norm() * f.prior[1] < scale
-    };
-    fitted.iter().zip(&fit.jacobian).any(says_nothing)
+    fitted.iter().enumerate().any(|(i, f)| matches!(f.knob, Knob::Effect(e, _) if Some(e) == last) && !fit.is_told(i, scale))
 }
 
 impl Search<'_> {

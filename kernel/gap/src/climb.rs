@@ -98,7 +98,7 @@ impl<'a> Climb<'a> {
             && let Some(last) = self.chosen.pop()
         {
             (ascent.say)(&format!("  {} leaves nothing of what {} does", instead[0].effect, last.best.effect));
-            self.chosen.push(last.giving_way_to(&instead, scale));
+            self.chosen.push(last.giving_way_to(search, &instead, scale));
             self.current = alone;
         }
         Ok(())
@@ -163,7 +163,7 @@ impl<'a> Climb<'a> {
                 && let Some(last) = self.chosen.pop()
             {
                 say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
-                self.chosen.push(last.giving_way_to(&instead, scale));
+                self.chosen.push(last.giving_way_to(search, &instead, scale));
                 self.current = alone;
                 return Ok(true);
             }
@@ -177,7 +177,7 @@ impl<'a> Climb<'a> {
         }
         self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
         self.current = settled;
-        self.chosen.push(Choice::new(&candidates, here, without_name, explained, scale));
+        self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
         Ok(true)
     }
 
@@ -214,7 +214,7 @@ impl<'a> Climb<'a> {
             let current = search.settle(&all[0].fit, *scale);
             Self {
                 scale: search.scale(&current),
-                chosen: vec![Choice::new(&all, *here, *nameless, explained, *scale)],
+                chosen: vec![Choice::new(search, &all, *here, *nameless, explained, *scale)],
                 current,
                 ..Self::new(search.clone(), base.clone())
             }

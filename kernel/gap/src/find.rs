@@ -140,13 +140,13 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 say(&format!("  {} says more than {name} beside the others ({:+.1})", best.effect, best.evidence - with));
                 current = search.settle(&best.fit, scale);
                 let explained = search.explained(&less, &current);
-                let choice = Choice::new(&candidates, without, chosen[at].nameless, explained, scale);
+                let choice = Choice::new(&search, &candidates, without, chosen[at].nameless, explained, scale);
                 chosen.remove(at);
                 chosen.push(choice);
                 at = 0;
                 continue;
             }
-            chosen[at].around(&candidates, [with, without], scale);
+            chosen[at].around(&search, &candidates, [with, without], scale);
             chosen[at].explained = search.explained(&less, &current);
             at += 1;
         }

@@ -328,6 +328,12 @@ impl Fit {
         -0.5 * squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
     }
 
+    /// Do the data say something of a number, beyond its prior?
+    pub fn is_told(&self, number: usize, scale: f64) -> bool {
+        let deviation = self.hypothesis.fitted[number].prior[1];
+        self.jacobian.get(number).is_none_or(|column| column.norm() * deviation >= scale)
+    }
+
     /// Minimises.
     pub fn improve(mut self, problem: &Problem<'_>, scale: f64, effort: Effort, begin: Derivatives<'_>) -> Result<Self, GapError> {
         let mut damping = 1e-3;

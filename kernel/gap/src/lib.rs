@@ -5,6 +5,8 @@ mod alike;
 mod baselines;
 mod chart;
 mod choice;
+#[cfg(test)]
+mod choice_tests;
 mod climb;
 mod confirmed;
 mod error;

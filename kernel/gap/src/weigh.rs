@@ -173,7 +173,8 @@ impl<'a> Search<'a> {
     ) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let here = self.evidence(current, scale);
-        let more = |fit: &Fit| fit.hypothesis.x.len() - current.hypothesis.x.len();
+        // What the data say nothing of is no number of a force.
+        let more = |fit: &Fit| (current.hypothesis.x.len()..fit.hypothesis.x.len()).filter(|i| fit.is_told(*i, scale)).count();
         let fall = |c: &Candidate| current.squares - c.fit.squares;
         let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
         let Some(plain) = candidates.iter().take(NEAREST).find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
@@ -184,7 +185,9 @@ impl<'a> Search<'a> {
         let Some(two) = second.first() else { return Ok(()) };
         let gap = self.gap(model, window);
         let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
-        if two.evidence > best.evidence || self.force_between(&two.fit, &best.fit)? < SAME || nearly() {
+        // Two names ask for more than one does.
+        let says_more = || self.is_convincing(model, &best.fit, &two.fit, two.evidence - best.evidence, window);
+        if self.force_between(&two.fit, &best.fit)? < SAME || says_more() || nearly() {
             let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
             candidates[..=at].rotate_right(1);
         }

@@ -1,0 +1,74 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+
+use crate::choice::Choice;
+use crate::fit::Fit;
+use crate::hypothesis::Hypothesis;
+use crate::noise;
+use crate::search::{Candidate, Search};
+use crate::tests::{door, swing};
+use crate::trajectory::Trajectory;
+
+/// The search's hypothesis with an effect, as if it had been fitted with these errors; the data say as much of its numbers as is given.
+fn candidate(search: &Search<'_>, effect: &'static str, values: &[f64], errors: &DVector<f64>, evidence: f64, told: &[f64]) -> Candidate {
+    let known = Hypothesis::known(&door(), &search.joints);
+    let hypothesis = known.with(effect, Some("hinge"), values).unwrap();
+    let unit = DVector::from_element(errors.len(), 1.0 / (errors.len() as f64).sqrt());
+    let sizes = std::iter::repeat_n(&1.0, known.x.len()).chain(told);
+    let jacobian = hypothesis.fitted.iter().zip(sizes).map(|(f, size)| &unit * (100.0 * size / f.prior[1])).collect();
+    let squares = errors.norm_squared();
+    let fit = Fit { hypothesis, errors: errors.clone(), squares, jacobian, judged: squares, since: 0.0 };
+    Candidate { effect, joint: Some(0), fit, evidence }
+}
+
+/// Names beside the first that data with such errors cannot tell from it.
+fn alike(make: impl Fn(&Search<'_>, usize) -> Vec<Candidate>) -> Vec<&'static str> {
+    let trajectories = [Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap()];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let candidates = make(&search, trajectories[0].position.len());
+    let choice = Choice::new(&search, &candidates, candidates[0].evidence - 1000.0, 0.0, 1.0, 1.0);
+    choice.alike[1..].iter().map(|c| c.effect).collect()
+}
+
+/// Signs that are drawn anew after so many rows.
+fn signs(rows: usize, length: usize) -> DVector<f64> {
+    let mut random = Pcg64::seed_from_u64(5);
+    let drawn: Vec<f64> = (0..rows.div_ceil(length)).map(|_| noise::normal(&mut random).signum()).collect();
+    DVector::from_fn(rows, |k, _| drawn[k / length])
+}
+
+/// Twenty rows that are off together say no more than one: a difference of 8 nats is one of less than 1.
+#[test]
+fn names_are_not_told_apart_by_errors_that_go_on() {
+    let names = |length: usize| {
+        alike(|search, rows| {
+            let errors = signs(rows, length);
+            let other = errors.add_scalar(0.01);
+            vec![
+                candidate(search, "viscous_friction", &[0.1], &errors, 0.0, &[1.0]),
+                candidate(search, "quadratic_drag", &[0.1], &other, -8.0, &[1.0]),
+            ]
+        })
+    };
+    assert_eq!(names(1), Vec::<&str>::new());
+    assert_eq!(names(20), ["quadratic_drag"]);
+}
+
+/// A friction whose further number does nothing is the plain friction again; an axis that is off is no encoder, however many numbers it has.
+#[test]
+fn an_idle_number_makes_a_plainer_name_of_its_own_kind_alone() {
+    let beside = |first: (&'static str, &[f64]), second: (&'static str, &[f64])| {
+        alike(|search, rows| {
+            let errors = signs(rows, 1);
+            let mut told = vec![1.0; second.1.len()];
+            *told.last_mut().unwrap() = 0.0;
+            vec![candidate(search, first.0, first.1, &errors, 0.0, &[1.0; 2]), candidate(search, second.0, second.1, &errors, -1.0, &told)]
+        })
+    };
+    assert_eq!(beside(("coulomb_friction", &[0.1]), ("stribeck_friction", &[0.1, 0.2, 0.1, 2.0])), Vec::<&str>::new());
+    let axis = [0.02, 1.0, 0.0, 0.0, 0.001, 0.001, 0.001];
+    assert_eq!(beside(("encoder_offset", &[0.01, 0.0]), ("joint_axis_error", &axis)), ["joint_axis_error"]);
+}
