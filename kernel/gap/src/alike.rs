@@ -4,12 +4,16 @@
 //! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
 //!   constant, where gravity already acts.
 //! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine.
+//! * A sensor's drift without a rate is an encoder's offset, or, of the effort that drives the joint, a bias of it.
 //! * Where a joint went one way only, a force by place and a friction by place are one thing.
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
 //!   weak by a share is a little more of all of it, unless the effort that the drive gave was read, too.
 
+use sagci_model::EffectEntry;
+
 use crate::choice::Choice;
 use crate::fit::Fit;
+use crate::hypothesis::Knob;
 use crate::search::Search;
 use crate::starts::Seen;
 
@@ -27,10 +31,14 @@ pub(crate) struct Circumstances {
     pub range: f64,
     /// What its data can show.
     pub seen: Seen,
+    /// The name is that of a constant: its scale error or rate is nothing.
+    pub constant: bool,
+    /// It is one of the effort.
+    pub of_effort: bool,
 }
 
-/// Names that data of such a joint cannot tell from `name`, `scaled` if its own numbers hold a scale error.
-pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'static str] {
+/// Names that data of such a joint cannot tell from `name`.
+pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
     let short = at.turns && at.range < SHORT;
     match name {
         "transport_delay" if at.seen.commanded => &["clock_skew"],
@@ -41,7 +49,12 @@ pub(crate) fn alike(name: &str, at: Circumstances, scaled: bool) -> &'static [&'
         "hinge_tilt" if short && at.alone => &["joint_spring", "joint_axis_error"],
         "hinge_tilt" if short => &["joint_spring"],
         "hinge_tilt" if at.alone => &["joint_axis_error"],
-        "encoder_offset" if at.alone && at.seen.weighed && !scaled => &["hinge_tilt", "joint_axis_error"],
+        "encoder_offset" if at.alone && at.seen.weighed && at.constant => &["hinge_tilt", "joint_axis_error"],
+        "sensor_drift" if at.constant && at.of_effort && !at.seen.commanded => &["torque_bias"],
+        "sensor_drift" if at.constant && !at.of_effort && at.alone && at.seen.weighed => {
+            &["encoder_offset", "hinge_tilt", "joint_axis_error"]
+        }
+        "sensor_drift" if at.constant && !at.of_effort => &["encoder_offset"],
         "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
         "torque_bias" if short && at.seen.weighed => &["hinge_tilt"],
         "payload" if at.alone && !at.seen.weighed && at.seen.read => &["armature_inertia"],
@@ -62,16 +75,21 @@ impl Search<'_> {
         let joint = &model.joints[self.joints[j]];
         let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
         let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+        let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_ref() == Some(&joint.name);
+        let entry = model.document.effects.iter().position(is_it);
+        let told = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
+            let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
+            matches!(f.knob, Knob::Effect(e, "scale_error" | "rate") if Some(e) == entry) && x.abs() > 3.0 * deviation
+        });
+        let of_effort = entry.is_some_and(|e| model.document.effects[e].choices.get("of").is_some_and(|of| of == "effort"));
         let at = Circumstances {
             alone: self.names.len() == 1,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
             seen: self.seen[j],
+            constant: !told,
+            of_effort,
         };
-        let scaled = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
-            let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
-            matches!(f.knob, crate::hypothesis::Knob::Effect(_, "scale_error")) && x.abs() > 3.0 * deviation
-        });
-        alike(choice.best.effect, at, scaled)
+        alike(choice.best.effect, at)
     }
 }

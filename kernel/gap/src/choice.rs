@@ -9,6 +9,7 @@ use crate::fit::Fit;
 use crate::hypothesis::Knob;
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
 use crate::search::{Candidate, FLOOR, Search};
+use crate::weigh::CONVINCING;
 
 /// Names whose evidence is within this of the best one's cannot be told from it.
 const ALIKE: f64 = 3.0;
@@ -52,10 +53,11 @@ impl Choice {
         self.gain = with - without;
         let same = |c: &&Candidate| (c.effect, c.joint) == (self.best.effect, self.best.joint);
         let itself = candidates.iter().find(same).unwrap_or(&self.best).clone();
-        // All as they were fitted together: one that was fitted on since says more than others would, too. Errors that go on from row to row say
-        // less of the difference than as many that are independent.
+        // All as they were fitted together: one that was fitted on since says a little more than others would, too. Errors that go on from row to
+        // row say less of the difference than as many that are independent.
+        let own = if with - itself.evidence < CONVINCING { itself.evidence } else { with };
         let less = |c: &Candidate| {
-            let less = itself.evidence - c.evidence;
+            let less = own - c.evidence;
             if less.abs() < ALIKE {
                 less
             } else {

@@ -4,11 +4,13 @@ use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
+use crate::alike::{Circumstances, alike as alike_by_equations};
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::search::{Candidate, Search};
+use crate::starts::Seen;
 use crate::tests::{door, swing};
 use crate::trajectory::Trajectory;
 
@@ -71,4 +73,17 @@ fn an_idle_number_makes_a_plainer_name_of_its_own_kind_alone() {
     assert_eq!(beside(("coulomb_friction", &[0.1]), ("stribeck_friction", &[0.1, 0.2, 0.1, 2.0])), Vec::<&str>::new());
     let axis = [0.02, 1.0, 0.0, 0.0, 0.001, 0.001, 0.001];
     assert_eq!(beside(("encoder_offset", &[0.01, 0.0]), ("joint_axis_error", &axis)), ["joint_axis_error"]);
+}
+
+/// What is read too high by as much all the time: no data say of a sensor whether it will drift one day.
+#[test]
+fn a_drift_without_a_rate_is_an_offset() {
+    let seen = Seen { commanded: false, read: false, one_way: false, weighed: true };
+    let drift = Circumstances { alone: false, turns: true, range: 3.0, seen, constant: true, of_effort: false };
+    assert_eq!(alike_by_equations("sensor_drift", drift), ["encoder_offset"]);
+    assert_eq!(alike_by_equations("sensor_drift", Circumstances { of_effort: true, ..drift }), ["torque_bias"]);
+    assert_eq!(alike_by_equations("sensor_drift", Circumstances { constant: false, ..drift }), [""; 0]);
+    // The effort that is read beside a command drives nothing.
+    let commanded = Circumstances { of_effort: true, seen: Seen { commanded: true, read: true, ..seen }, ..drift };
+    assert_eq!(alike_by_equations("sensor_drift", commanded), [""; 0]);
 }

@@ -338,9 +338,7 @@ impl Fit {
     pub fn improve(mut self, problem: &Problem<'_>, scale: f64, effort: Effort, begin: Derivatives<'_>) -> Result<Self, GapError> {
         let mut damping = 1e-3;
         let mut kept = begin.kept;
-        // Errors that are larger than noise makes them say less, and what is left for other effects to explain need not be small to the last.
-        let (cost, noise) = (0.5 * self.squares / (scale * scale), 0.5 * problem.measured() as f64);
-        let enough = effort.enough * (cost / noise).max(1.0) + TRIFLE * (cost - noise).max(0.0);
+        let noise = 0.5 * problem.measured() as f64;
         let rough = problem.roughly();
         let mut exactly = !begin.roughly;
         for _ in 0..effort.rounds {
@@ -350,6 +348,9 @@ impl Fit {
             }
             let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
             kept = fall > TRUST * foretold;
+            // Errors that are larger than noise makes them say less, and what is left for other effects to explain need not be small to the last.
+            let cost = 0.5 * self.squares / (scale * scale);
+            let enough = effort.enough * (cost / noise).max(1.0) + TRIFLE * (cost - noise).max(0.0);
             if fall < enough && (fresh && exactly || kept || foretold.abs() < enough) {
                 break;
             }

@@ -1,11 +1,18 @@
 //! A model with the numbers in it that data may move: what is fitted.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Cholesky, DMatrix, DVector};
 use sagci_dynamics::effects::{self, Description, Prior};
 use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 
 use crate::GapError;
 use crate::plant::Plant;
+
+/// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
+const LOCAL: f64 = 0.3;
+/// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
+const REPEATS: f64 = 1.5;
 
 /// One number of an object model.
 #[derive(Debug, Clone, PartialEq)]
@@ -193,17 +200,20 @@ impl Hypothesis {
         Ok(this)
     }
 
-    /// The same, what is bound to a place no wider than so much, rad or m, and what repeats no slower than so many times in 2 pi rad or m.
-    /// `first` is the first number that this is asked of.
-    pub fn confined(mut self, first: usize, widest: f64, slowest: f64) -> Self {
+    /// The same, what is bound to a place no wider than a share of a joint's way, and what repeats doing so so many times on it. A cable is bent
+    /// somewhere near its way: one that rests far off is a constant force. `first` is the first number that this is asked of, `range` where the
+    /// joint was, and `way` how far places on it lie apart, rad or m.
+    pub fn confined(mut self, first: usize, range: [f64; 2], way: f64) -> Self {
+        let entries = &self.model.document.effects;
         for (fitted, x) in self.fitted.iter_mut().zip(&mut self.x).skip(first) {
-            match fitted.knob {
-                Knob::Effect(_, "width") => fitted.bounds[1] = fitted.bounds[1].min(fitted.coordinate(widest)).max(fitted.bounds[0]),
-                Knob::Effect(_, "cycles_per_turn") => {
-                    fitted.bounds[0] = fitted.bounds[0].max(fitted.coordinate(slowest)).min(fitted.bounds[1]);
-                }
+            let [low, high] = fitted.bounds;
+            let (least, most) = match fitted.knob {
+                Knob::Effect(_, "width") => (low, fitted.coordinate(LOCAL * way)),
+                Knob::Effect(_, "cycles_per_turn") => (fitted.coordinate(REPEATS * TAU / way), high),
+                Knob::Effect(e, "rest_position") if entries[e].effect == "cable_hysteresis" => (range[0] - way, range[1] + way),
                 _ => continue,
-            }
+            };
+            fitted.bounds = [least.clamp(low, high), most.clamp(low, high)];
             *x = x.clamp(fitted.bounds[0], fitted.bounds[1]);
         }
         self

@@ -2,7 +2,6 @@
 //! leaves out the hopeless; what stays is fitted in the simulator.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -34,11 +33,6 @@ pub(crate) const NEAR: f64 = 10.0;
 const PUSHED: f64 = 0.1;
 /// Effects at a place that are fitted in the linear response where there are many joints.
 const FITTED: usize = 24;
-/// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
-const LOCAL: f64 = 0.3;
-/// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
-const REPEATS: f64 = 1.5;
-
 /// Most numbers of a plain effect, and the share of the time for which a joint is held, from which on it is asked in the simulator.
 const PLAIN: usize = 2;
 const STICKS: f64 = 0.02;
@@ -160,10 +154,10 @@ impl Search<'_> {
                 {
                     continue;
                 }
-                let way = views[at].way();
+                let JointView { range, .. } = views[at];
                 for values in starts(description.name, &views[at]) {
                     let Ok(hypothesis) = base.hypothesis.with(description.name, named, &values) else { continue };
-                    let hypothesis = hypothesis.confined(base.hypothesis.x.len(), LOCAL * way, REPEATS * TAU / way);
+                    let hypothesis = hypothesis.confined(base.hypothesis.x.len(), range, views[at].way());
                     let plain = linear && hypothesis.x.len() - base.hypothesis.x.len() <= PLAIN;
                     tries.push(Try { effect: *effect, joint, values, hypothesis, linear, plain, numbers: 1 });
                 }

@@ -219,7 +219,8 @@ impl<'a> Search<'a> {
             let entry = hypothesis.model_at(&hypothesis.x).document.effects.pop()?;
             let (_, values) = effects::parameters_of(&entry).ok()?;
             let (name, values) = neighbour(c.effect, &values, &views[j])?;
-            first(name, c.joint, base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?)
+            let hypothesis = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
+            first(name, c.joint, hypothesis.confined(base.hypothesis.x.len(), views[j].range, views[j].way()))
         };
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).filter_map(beside).collect();
         begun.extend(more);

@@ -182,6 +182,27 @@ fn a_fit_finds_what_made_the_data() {
     assert!(search.evidence(&fit, 1.0) > search.evidence(&base, 1.0) + 100.0);
 }
 
+/// How far off a fit began says nothing of when it is at its end: what beside it was the same is not taken for less there.
+#[test]
+fn a_fit_that_begins_far_off_ends_where_one_does_that_begins_near() {
+    let model = door();
+    let truth = with(&model, "joint_spring", &[("stiffness", 0.15), ("rest_position", -2.0)]);
+    let trajectories: Vec<Trajectory> = (1..3).map(|s| Trajectory::new(&swing(&truth, 2e-4, s), &model).unwrap()).collect();
+    let search = Search::new(&model, &trajectories).unwrap();
+    let known = Hypothesis::known(&model, &search.joints);
+    let cost = |values: &[f64]| {
+        let start = Fit::start(&search.problem, known.with("joint_spring", Some("hinge"), values).unwrap()).unwrap();
+        let fit = start.finish(&search.problem, 1.0, Derivatives::FRESH, f64::NEG_INFINITY).unwrap();
+        0.5 * fit.squares + fit.hypothesis.prior(&fit.hypothesis.x)
+    };
+    let near = cost(&[0.15, -2.0]);
+    for far in [[0.15, 0.3], [0.15, 1.0], [0.3, -1.0], [0.5, -4.0]] {
+        let off = cost(&far) - near;
+        // By less than names are told apart by.
+        assert!(off < 3.0, "begun at {far:?}: {off}");
+    }
+}
+
 /// Mass, centre of mass and inertia of one door are one number to its hinge: the number that is kept has the room of all.
 #[test]
 fn inertial_numbers_that_show_alike_are_one() {

@@ -1,5 +1,7 @@
 //! What a fit is worth beside others: noise, evidence, the forces that it explains.
 
+use std::cell::LazyCell;
+
 use nalgebra::DVector;
 use rayon::prelude::*;
 use sagci_model::ObjectModel;
@@ -138,19 +140,21 @@ impl<'a> Search<'a> {
         move |fit| measure.pooled(&fit.hypothesis, None).unwrap_or(f64::INFINITY)
     }
 
-    /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by, or
-    /// predicts whole windows no worse, or where that one is not convincing beside it: what is left between them is no ground to name the richer
-    /// one. `here` is the evidence without any.
+    /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by and that does
+    /// not add up to much of the gap, or predicts whole windows no worse, or where that one is not convincing beside it: what is left between
+    /// them is no ground to name the richer one. `here` is the evidence without any.
     pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
         let gap = self.gap(model, window);
-        let predicts_as_well = |c: &Candidate| gap(&c.fit) <= gap(&best.fit).min(f64::MAX);
+        let least = LazyCell::new(|| gap(&best.fit).min(f64::MAX));
+        let adds_up = |c: &Candidate| *least < FALL * gap(&c.fit);
+        let predicts_as_well = |c: &Candidate| gap(&c.fit) <= *least;
         let mut chosen = 0;
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
             if count(candidate) < count(&candidates[chosen])
                 && candidate.evidence - here > 0.5 * (best.evidence - here)
-                && (self.force_between(&candidate.fit, &best.fit)? < SAME
+                && (self.force_between(&candidate.fit, &best.fit)? < SAME && !adds_up(candidate)
                     || candidate.evidence - here > NEARLY * (best.evidence - here) && predicts_as_well(candidate)
                     || !self.is_convincing(model, &candidate.fit, &best.fit, best.evidence - candidate.evidence, window))
             {
