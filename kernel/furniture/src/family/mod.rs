@@ -2,6 +2,7 @@
 
 mod chest;
 mod cold;
+mod composed;
 mod entrance;
 mod kitchen;
 mod passage;
@@ -48,6 +49,7 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Box, "front_flap_box", chest::front_flap_box),
     known(Category::Box, "rimmed_lid", chest::rimmed_lid),
     known(Category::Box, "slab_lid", chest::slab_lid),
+    known(Category::Box, "bench", composed::bench),
     held_out(Category::Box, "casket", chest::casket),
     held_out(Category::Box, "carton_two_flaps", chest::carton_two_flaps),
     known(Category::Door, "single_in_frame", entrance::single_in_frame),
@@ -63,17 +65,22 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Door, "casement", passage::casement),
     known(Category::Door, "wall_hatch", passage::wall_hatch),
     known(Category::Door, "stalls", passage::stalls),
+    known(Category::Door, "glazed_screen", composed::glazed_screen),
+    known(Category::Door, "shutters", composed::shutters),
+    known(Category::Door, "panelled_wall", composed::panelled_wall),
     held_out(Category::Door, "with_sidelight", entrance::with_sidelight),
     held_out(Category::Door, "stable_door", entrance::stable_door),
     known(Category::Microwave, "side_door_with_panel", kitchen::side_door_with_panel),
     known(Category::Microwave, "full_width_door", kitchen::full_width_door),
     known(Category::Microwave, "panel_below", kitchen::panel_below),
+    known(Category::Microwave, "machine", composed::machine),
     held_out(Category::Microwave, "knobs_beside", kitchen::knobs_beside),
     held_out(Category::Microwave, "drop_door", kitchen::drop_door),
     known(Category::Oven, "built_in", kitchen::built_in_oven),
     known(Category::Oven, "cooker_with_drawer", kitchen::cooker_with_drawer),
     known(Category::Oven, "double_oven", kitchen::double_oven),
     known(Category::Oven, "any_cooker", kitchen::any_cooker),
+    known(Category::Oven, "wide_range", composed::wide_range),
     held_out(Category::Oven, "range_with_splashback", kitchen::range_with_splashback),
     held_out(Category::Oven, "side_hinged_oven", kitchen::side_hinged_oven),
     known(Category::Refrigerator, "one_door", cold::one_door),
@@ -81,6 +88,7 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Refrigerator, "side_by_side", cold::side_by_side),
     known(Category::Refrigerator, "french_doors", cold::french_doors),
     known(Category::Refrigerator, "any_rows", cold::any_rows),
+    known(Category::Refrigerator, "cold_store", composed::cold_store),
     held_out(Category::Refrigerator, "freezer_below", cold::freezer_below),
     held_out(Category::Refrigerator, "four_doors", cold::four_doors),
     known(Category::Storage, "chest_of_drawers", storage::chest_of_drawers),
@@ -93,6 +101,9 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Storage, "sliding_fronts", storage::sliding_fronts),
     known(Category::Storage, "stout_drawers", storage::stout_drawers),
     known(Category::Storage, "panel_before_case", storage::panel_before_case),
+    known(Category::Storage, "lockers", composed::lockers),
+    known(Category::Storage, "larder", composed::larder),
+    known(Category::Storage, "kitchen_run", composed::kitchen_run),
     held_out(Category::Storage, "sideboard", storage::sideboard),
     held_out(Category::Storage, "nightstand", storage::nightstand),
     held_out(Category::Storage, "shoe_cabinet", storage::shoe_cabinet),
