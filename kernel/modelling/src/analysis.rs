@@ -1,6 +1,6 @@
 //! The geometry of a cloud, before anything is decided: the object's points in the frame of its box, and their superpoints.
 
-use nalgebra::{Point3, Rotation3};
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use crate::grid::Grid;
 use crate::prepare::Thinned;
@@ -8,9 +8,12 @@ use crate::superpoint::{Regions, Scale, Superpoint};
 use crate::{ModellingError, background, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
+#[derive(Clone)]
 pub struct Analysis {
     /// The object's thinned points in A, m.
     pub(crate) points: Vec<Point3<f64>>,
+    /// Of each point the unit normal of the surface about it, in A; its sign means nothing. Zero where that is not known.
+    pub(crate) normals: Vec<Vector3<f64>>,
     /// From W's axes to A's; both have the same origin.
     pub(crate) R_AW: Rotation3<f64>,
     /// Pieces, largest first.
@@ -104,10 +107,11 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
     let in_frame = |yaw: f64| {
         let R_AW = frame::upright(yaw);
         let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
+        let normals = local.iter().map(|l| R_AW * l.normal).collect();
         let (superpoints, piece) = regions.superpoints(&points, scale);
         let (low, high) = bounds(&points);
         let (of_input, notes) = (of_input.clone(), notes.clone());
-        Analysis { points, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor }
+        Analysis { points, normals, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor }
     };
     Ok(frame::yaws(&world, &local, noise.max(0.002)).into_iter().map(in_frame).collect())
 }

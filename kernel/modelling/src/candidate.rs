@@ -36,20 +36,30 @@ pub(crate) struct Candidate {
 }
 
 /// What all candidates of a part share.
-struct Shape {
+pub(crate) struct Shape {
     /// Corners of its points, without far ones.
     low: Point3<f64>,
     high: Point3<f64>,
-    center: Point3<f64>,
+    pub(crate) center: Point3<f64>,
     /// Points of its largest flat piece, and its normal.
-    panel: Vec<Point3<f64>>,
+    pub(crate) panel: Vec<Point3<f64>>,
     normal: Vector3<f64>,
-    flat_share: f64,
+    pub(crate) flat_share: f64,
     /// All its points.
-    all: Vec<Point3<f64>>,
+    pub(crate) all: Vec<Point3<f64>>,
 }
 
-fn quantile(values: &mut [f64], share: f64) -> f64 {
+impl Shape {
+    /// The panel's normal, away from the object's middle.
+    pub(crate) fn outward(&self, posed: &Posed<'_>) -> Vector3<f64> {
+        let middle = nalgebra::center(&posed.low, &posed.high);
+        let n = self.normal;
+        let sign = if n.x.abs() > 0.3 { n.x.signum() } else { (self.center - middle).dot(&n).signum() };
+        n * sign
+    }
+}
+
+pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
@@ -57,7 +67,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     values[((values.len() - 1) as f64 * share).round() as usize]
 }
 
-fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
+pub(crate) fn shape(posed: &Posed<'_>, part: &[usize]) -> Shape {
     let a = posed.analysis;
     let points: Vec<Point3<f64>> = part.iter().flat_map(|s| a.superpoints[*s].points.iter().map(|i| posed.points[*i as usize])).collect();
     let range = |k: usize, share: f64| quantile(&mut points.iter().map(|p| p[k]).collect::<Vec<_>>(), share);
@@ -112,12 +122,7 @@ struct Proud {
 fn proud(posed: &Posed<'_>, part: &[usize], s: &Shape) -> Proud {
     // What stands out of the panel, away from the object's middle: a handle, most likely. Some of its points may be in no superpoint, or in
     // one that was not taken for the part's.
-    let outward = {
-        let middle = nalgebra::center(&posed.low, &posed.high);
-        let n = s.normal;
-        let sign = if s.normal.x.abs() > 0.3 { s.normal.x.signum() } else { (s.center - middle).dot(&n).signum() };
-        n * sign
-    };
+    let outward = s.outward(posed);
     let panel_at = s.panel.iter().map(|p| p.coords.dot(&outward)).sum::<f64>() / s.panel.len().max(1) as f64;
     let least = (3.0 * posed.analysis.scale.noise).max(0.008);
     let many = posed.points.len() / 60;
@@ -384,11 +389,19 @@ fn flipped(v: &Vector3<f64>) -> Vector3<f64> {
 impl Candidate {
     /// Which of a mirror's candidates is this one's image.
     pub(crate) fn image(&self, mirror: &[Self]) -> Option<usize> {
-        let axis = flipped(&self.axis);
-        let origin = Point3::from(flipped(&self.origin.coords));
+        self.nearest(mirror, flipped(&self.axis), Point3::from(flipped(&self.origin.coords)))
+    }
+
+    /// Which of the candidates of nearly the same part is this one.
+    pub(crate) fn alike(&self, others: &[Self]) -> Option<usize> {
+        self.nearest(others, self.axis, self.origin)
+    }
+
+    /// The candidate of this one's kind that is nearest to an axis at a place.
+    fn nearest(&self, others: &[Self], axis: Vector3<f64>, origin: Point3<f64>) -> Option<usize> {
         let alike = |c: &Self| c.slides == self.slides && if c.slides { c.axis.dot(&axis) > 0.9 } else { c.axis.dot(&axis).abs() > 0.9 };
-        let off = |k: &usize| (mirror[*k].origin - origin).norm_squared();
-        (0..mirror.len()).filter(|k| alike(&mirror[*k])).min_by(|a, b| off(a).total_cmp(&off(b)))
+        let off = |k: &usize| (others[*k].origin - origin).norm_squared();
+        (0..others.len()).filter(|k| alike(&others[*k])).min_by(|a, b| off(a).total_cmp(&off(b)))
     }
 
     /// Does the direction across the section keep its sign in the mirror?

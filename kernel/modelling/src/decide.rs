@@ -3,7 +3,8 @@
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::ModellingError;
-use crate::analysis::Analysis;
+use crate::analysis::{Analysis, analyse};
+use crate::border::{Asked, Thought, ask, first_labels, relabelled, split};
 use crate::candidate::{Candidate, FARTHEST, Handle, handle};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
@@ -98,8 +99,8 @@ pub(crate) const WALLED: f64 = 0.7;
 
 /// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
 struct Seen<'a> {
+    quarter: usize,
     side: Side<'a>,
-    mirror: Side<'a>,
     trunks: [Trunk<Matrix>; 2],
 }
 
@@ -115,14 +116,17 @@ impl Seen<'_> {
         Ok((network.same_part(&self.trunks[0], n, pairs)? + network.same_part(&self.trunks[1], n, pairs)?) * 0.5)
     }
 
-    /// The candidates of parts, and what the network says of each.
+    /// The candidates of parts, and what the network says of each. `groups` are the superpoints that the network was shown; `sides` shows
+    /// the object and its mirror image, where the parts are `pieces`.
     fn joints(
         &self,
         network: &mut Network<'_, Plain<'_>>,
         n: usize,
         groups: &[Vec<usize>],
+        sides: [&Side<'_>; 2],
+        pieces: &[Vec<usize>],
     ) -> Result<(Vec<Vec<Candidate>>, Matrix), ModellingError> {
-        let (options, mirrored) = (self.side.options(groups), self.mirror.options(groups));
+        let [options, mirrored] = sides.map(|s| s.options(pieces));
         let mut out = network.joints(&self.trunks[0], n, groups, options.rows())?;
         let other = network.joints(&self.trunks[1], n, groups, mirrored.rows())?;
         for (g, (own, image)) in options.parts.iter().zip(&mirrored.parts).enumerate() {
@@ -138,89 +142,223 @@ impl Seen<'_> {
         }
         Ok((options.parts, out))
     }
-}
 
-/// Asks the network about all sides at all yaws, and about the front in full. Tells with which of the analyses it went on.
-pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<(usize, Decision), ModellingError> {
-    let mut plain = Plain { weights: &weights.matrices };
-    let mut best: Option<(f32, usize, Seen<'_>)> = None;
-    for (index, analysis) in analyses.iter().enumerate() {
-        let n = analysis.superpoints.len();
-        let touching = touching(analysis);
-        for quarter in 0..4 {
-            let side = Side::new(analysis, quarter);
-            let mirror = Side::new(analysis, quarter).mirrored();
-            let mut network = Network::new(&mut plain);
-            let mut trunk = |s: &Side<'_>| {
-                let f = s.features(&touching);
-                network.trunk(f.pieces, f.points, f.pairs)
-            };
-            let trunks = [trunk(&side)?, trunk(&mirror)?];
-            let score = network.front(&trunks[0], n)?[0] + network.front(&trunks[1], n)?[0];
-            if best.as_ref().is_none_or(|b| score > b.0) {
-                best = Some((score, index, Seen { side, mirror, trunks }));
+    /// The same where points have been asked about: `side` shows the superpoints split, and `pieces` are the parts there. Where a part's points
+    /// end says where its hinge is. At which end it hangs was learned from whole superpoints, and is asked of these.
+    fn ended(
+        &self,
+        network: &mut Network<'_, Plain<'_>>,
+        whole: &Analysis,
+        groups: &[Vec<usize>],
+        side: &Side<'_>,
+        pieces: &[Vec<usize>],
+    ) -> Result<(Vec<Vec<Candidate>>, Matrix), ModellingError> {
+        let n = whole.superpoints.len();
+        let mirror = Side::new(side.posed.analysis, self.quarter).mirrored();
+        let (candidates, mut out) = self.joints(network, n, groups, [side, &mirror], pieces)?;
+        let mirror = Side::new(whole, self.quarter).mirrored();
+        let (known, scores) = self.joints(network, n, groups, [&self.side, &mirror], groups)?;
+        for (g, own) in candidates.iter().enumerate() {
+            for (c, candidate) in own.iter().enumerate() {
+                if let Some(k) = candidate.alike(&known[g]) {
+                    out[(g * CANDIDATES + c, 0)] = scores[(g * CANDIDATES + k, 0)];
+                }
             }
         }
+        Ok((candidates, out))
     }
-    let Some((_, index, seen)) = best else {
-        return Err(ModellingError::TooFew { finite: 0, total: 0, least: crate::prepare::LEAST });
-    };
-    let analysis = &analyses[index];
-    let n = analysis.superpoints.len();
+}
+
+/// What is thought of superpoints, before points are asked about one by one.
+struct First<'a> {
+    index: usize,
+    seen: Seen<'a>,
+    classes: Matrix,
+    walled: f64,
+    doubt: f64,
+    odds: Odds,
+    /// Parts, each by its superpoints.
+    groups: Vec<Vec<usize>>,
+}
+
+/// Points of each superpoint.
+fn sizes(analysis: &Analysis) -> Vec<f64> {
+    analysis.superpoints.iter().map(|s| s.points.len() as f64).collect()
+}
+
+impl<'a> First<'a> {
+    /// Asks the network about all sides at all yaws, and about the front in full.
+    fn of(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+        let mut best: Option<(f32, usize, Seen<'_>)> = None;
+        for (index, analysis) in analyses.iter().enumerate() {
+            let n = analysis.superpoints.len();
+            let touching = touching(analysis);
+            for quarter in 0..4 {
+                let side = Side::new(analysis, quarter);
+                let mirror = Side::new(analysis, quarter).mirrored();
+                let mut network = Network::new(plain);
+                let mut trunk = |s: &Side<'_>| {
+                    let f = s.features(&touching);
+                    network.trunk(f.pieces, f.points, f.pairs)
+                };
+                let trunks = [trunk(&side)?, trunk(&mirror)?];
+                let score = network.front(&trunks[0], n)?[0] + network.front(&trunks[1], n)?[0];
+                if best.as_ref().is_none_or(|b| score > b.0) {
+                    best = Some((score, index, Seen { quarter, side, trunks }));
+                }
+            }
+        }
+        let Some((_, index, seen)) = best else {
+            return Err(ModellingError::TooFew { finite: 0, total: 0, least: crate::prepare::LEAST });
+        };
+        let analysis = &analyses[index];
+        let n = analysis.superpoints.len();
+        let mut network = Network::new(plain);
+        let classes = seen.classes(&mut network)?;
+        let walled = analysis.walled();
+        let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
+        let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
+        let points = sizes(analysis);
+        let odds = Odds::asked(moving, n, |pairs| seen.same_part(&mut network, n, pairs))?;
+        let enough = |g: &[usize]| enough(g.iter().map(|i| analysis.superpoints[*i].points.len()).sum(), analysis.points.len());
+        let groups = odds.groups(&points).into_iter().filter(|g| enough(g) && shares(&classes, g, &points)[0] < STILL_GROUP).collect();
+        Ok(Self { index, seen, classes, walled, doubt, odds, groups })
+    }
+
+    /// What is thought of the parts.
+    fn thought(&self, points: &[f64]) -> Vec<Thought> {
+        let thought = |g: &Vec<usize>| Thought {
+            pieces: g.clone(),
+            classes: shares(&self.classes, g, points),
+            together: (0..points.len()).map(|i| self.odds.together(g, i, points).unwrap_or(0.0)).collect(),
+        };
+        self.groups.iter().map(thought).collect()
+    }
+
+    /// Asks about the points near the parts.
+    fn ask(&self, analysis: &Analysis) -> (Vec<Option<u32>>, Asked) {
+        let points = sizes(analysis);
+        let label = first_labels(analysis, &self.groups);
+        let asked = ask(&self.seen.side.posed, &label, &self.still(), &self.thought(&points));
+        (label, asked)
+    }
+
+    /// Of each superpoint the probability to be the body.
+    fn still(&self) -> Vec<f64> {
+        (0..self.classes.nrows()).map(|i| f64::from(self.classes[(i, 0)])).collect()
+    }
+
+    /// The part of each point, after points near parts were asked about.
+    fn label(&self, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<Vec<Option<u32>>, ModellingError> {
+        let (before, asked) = self.ask(analysis);
+        if asked.of.is_empty() {
+            return Ok(before);
+        }
+        let odds = Network::new(plain).border(asked.rows.clone())?;
+        Ok(relabelled(&before, &asked, odds.as_slice()))
+    }
+}
+
+/// Are these points enough to be a part, of so many?
+fn enough(points: usize, total: usize) -> bool {
+    points >= 20 && points * 1000 >= 3 * total
+}
+
+/// The classes of some superpoints together.
+fn shares(classes: &Matrix, pieces: &[usize], points: &[f64]) -> [f64; CLASSES] {
+    let mut share = [0.0; CLASSES];
+    let total: f64 = pieces.iter().map(|i| points[*i]).sum();
+    for i in pieces {
+        share.iter_mut().enumerate().for_each(|(k, s)| *s += points[*i] * f64::from(classes[(*i, k)]));
+    }
+    share.map(|s| s / total.max(1.0))
+}
+
+/// What is asked about the points of a cloud, for training.
+pub struct Borders {
+    /// One row of features a question.
+    pub rows: Matrix,
+    /// The thinned point and the part that each row asks about.
+    pub of: Vec<(u32, u32)>,
+    /// Is there any doubt about it?
+    pub doubtful: Vec<bool>,
+    /// Of each input point the thinned point that stands for it.
+    pub of_input: Vec<Option<u32>>,
+    /// The first label of each thinned point: 0 the body, then the parts.
+    pub label: Vec<Option<u32>>,
+    /// How many parts there are.
+    pub parts: usize,
+}
+
+impl Borders {
+    /// Finds parts, and asks about the points near them.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let first = First::of(&analyses, &mut Plain { weights: &weights.matrices })?;
+        let analysis = &analyses[first.index];
+        let (label, asked) = first.ask(analysis);
+        Ok(Self {
+            rows: asked.rows,
+            of: asked.of,
+            doubtful: asked.doubtful,
+            of_input: analysis.of_input.clone(),
+            label,
+            parts: first.groups.len(),
+        })
+    }
+}
+
+/// What was decided of a cloud.
+pub(crate) struct Decided {
+    /// The analysis that it went on from, its superpoints split where parts end.
+    pub(crate) analysis: Analysis,
+    /// Of each thinned point its part, 0 the body.
+    pub(crate) label: Vec<Option<u32>>,
+    pub(crate) decision: Decision,
+}
+
+/// Finds parts, where they end, and how they move.
+pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided, ModellingError> {
+    let mut plain = Plain { weights: &weights.matrices };
+    let first = First::of(analyses, &mut plain)?;
+    let analysis = &analyses[first.index];
+    let mut label = first.label(analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
-    let classes = seen.classes(&mut network)?;
-    let walled = analysis.walled();
-    let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
-    let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
-    let points: Vec<f64> = analysis.superpoints.iter().map(|s| s.points.len() as f64).collect();
-    let of_body: Vec<f64> = (0..n).map(|i| f64::from(classes[(i, 0)])).collect();
-    let odds = Odds::asked(moving, n, |pairs| seen.same_part(&mut network, n, pairs))?;
-    let groups = odds.groups(&points);
-    let total = analysis.points.len();
-    let size = |g: &[usize]| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum::<usize>();
-    let still = |g: &[usize]| {
-        g.iter().map(|i| f64::from(classes[(*i, 0)]) * analysis.superpoints[*i].points.len() as f64).sum::<f64>() / size(g).max(1) as f64
-    };
-    let groups: Vec<Vec<usize>> =
-        groups.into_iter().filter(|g| size(g) >= 20 && size(g) * 1000 >= 3 * total && still(g) < STILL_GROUP).collect();
+    let mut counts = vec![0; first.groups.len() + 1];
+    label.iter().flatten().for_each(|l| counts[*l as usize] += 1);
+    // A part that is left with next to nothing is none. The larger ones first: names count from there.
+    let mut kept: Vec<usize> = (0..first.groups.len()).filter(|g| enough(counts[g + 1], analysis.points.len())).collect();
+    kept.sort_by_key(|g| std::cmp::Reverse(counts[g + 1]));
+    let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
+    label.iter_mut().flatten().for_each(|l| *l = number(*l));
+    let groups: Vec<Vec<usize>> = kept.iter().map(|g| first.groups[*g].clone()).collect();
+    let (fine, pieces) = split(analysis, &label, groups.len());
+    let points = sizes(analysis);
+    let of_body = first.still();
+    let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
-        let (candidates, out) = seen.joints(&mut network, n, &groups)?;
-        for (g, pieces) in groups.iter().enumerate() {
-            let confidence = odds.overlap(pieces, &of_body, &points);
-            let part = moving_part(analysis, &seen.side, &classes, pieces, &candidates[g], &out, g * CANDIDATES);
+        let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
+        for (g, own) in groups.iter().enumerate() {
+            let confidence = first.odds.overlap(own, &of_body, &points);
+            let share = shares(&first.classes, own, &points);
+            let part = moving_part(&side, share, &pieces[g], &candidates[g], &out, g * CANDIDATES);
             parts.push(Moving { confidence, ..part });
         }
     }
-    // The larger ones first: names count from there.
-    parts.sort_by_key(|p| std::cmp::Reverse(size(&p.pieces)));
-    let taken = |i: &usize| parts.iter().any(|p| p.pieces.contains(i));
-    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..n).partition(|i| !taken(i));
+    let taken = |i: &usize| groups.iter().any(|g| g.contains(i));
+    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| !taken(i));
     let right: f64 = own.iter().map(|i| points[*i] * of_body[*i]).sum();
     let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * of_body[*i]).sum::<f64>();
     let body_confidence = right / all.max(1.0);
-    Ok((index, Decision { parts, body_confidence, doubt, walled, front: seen.side.front() }))
+    let decision = Decision { parts, body_confidence, doubt: first.doubt, walled: first.walled, front: side.front() };
+    drop(side);
+    Ok(Decided { analysis: fine, label, decision })
 }
 
-fn moving_part(
-    analysis: &Analysis,
-    side: &Side<'_>,
-    classes: &Matrix,
-    pieces: &[usize],
-    candidates: &[Candidate],
-    out: &Matrix,
-    row: usize,
-) -> Moving {
-    let mut share = [0.0; CLASSES];
-    let mut total = 0.0;
-    for i in pieces {
-        let w = analysis.superpoints[*i].points.len() as f64;
-        total += w;
-        for (k, s) in share.iter_mut().enumerate() {
-            *s += w * f64::from(classes[(*i, k)]);
-        }
-    }
-    share.iter_mut().for_each(|s| *s /= f64::max(total, 1.0));
+fn moving_part(side: &Side<'_>, share: [f64; CLASSES], pieces: &[usize], candidates: &[Candidate], out: &Matrix, row: usize) -> Moving {
     let best = (1..CLASSES).max_by(|a, b| share[*a].total_cmp(&share[*b])).unwrap_or(1);
     let lid = share[3] > share[4];
     let mut p = Matrix::from_fn(1, CANDIDATES, |_, c| out[(row + c, 0)]);
@@ -266,7 +404,7 @@ fn moving_part(
         motions,
         uncertainty: [0.02 + 0.3 * (1.0 - sure), 0.01 + 0.1 * (1.0 - sure)],
         handle: handle(&side.posed, pieces).map(|h| {
-            let R_WK = (side.posed.R_KA * analysis.R_AW).inverse();
+            let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
             Handle { from: R_WK * h.from, to: R_WK * h.to, outward: R_WK * h.outward, ..h }
         }),
     }

@@ -67,18 +67,23 @@ impl Odds {
         groups.into_iter().map(|g| g.into_iter().map(|a| self.moving[a]).collect()).collect()
     }
 
+    /// Mean log-odds that a piece is of one part with a group's others; none for a group that has no other.
+    pub(crate) fn together(&self, group: &[usize], piece: usize, points: &[f64]) -> Option<f64> {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (a, j) in self.moving.iter().enumerate().filter(|(_, j)| **j != piece && group.contains(j)) {
+            sum += points[*j].sqrt() * f64::from(self.of[(a, piece)]);
+            total += points[*j].sqrt();
+        }
+        (total > 0.0).then(|| sum / total)
+    }
+
     /// The intersection over union that a group may expect with a true part, from how sure it is of each of its pieces and of those that it
     /// left out. `still`: the probability of every piece to be the body.
     pub(crate) fn overlap(&self, group: &[usize], still: &[f64], points: &[f64]) -> f64 {
         let (mut own, mut right, mut lacking) = (0.0, 0.0, 0.0);
         for i in 0..points.len() {
-            let (mut sum, mut total) = (0.0, 0.0);
-            for (a, j) in self.moving.iter().enumerate().filter(|(_, j)| **j != i && group.contains(j)) {
-                sum += points[*j].sqrt() * f64::from(self.of[(a, i)]);
-                total += points[*j].sqrt();
-            }
             // A part of one piece has nothing else to go by.
-            let together = if total > 0.0 { 1.0 / (1.0 + (-sum / total).exp()) } else { 1.0 };
+            let together = self.together(group, i, points).map_or(1.0, |x| 1.0 / (1.0 + (-x).exp()));
             let belongs = points[i] * together * (1.0 - still[i]);
             match group.contains(&i) {
                 true => {

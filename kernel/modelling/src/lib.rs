@@ -5,7 +5,8 @@
 //! the four upright sides is the front is asked of the network. The network ([`network`]) sees superpoints, their points and how
 //! two of them lie to one another, and answers: body, door, drawer, lid or flap; one part or two; and which of a part's few
 //! candidate joints it moves by. Candidates come from geometry: hinges at the two ends of the part's section, slides along its
-//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed ([`perceive()`]).
+//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Each point near a part is
+//! then asked about by itself: superpoints know only such ends of parts as show as gaps ([`perceive()`]).
 //!
 //! After the paper's first stage (Lv et al., "Environment Initial Modeling"): segmentation into K parts, pairwise joint
 //! relation J and its spatial description C, a greedy directed tree. Furniture's parts hang in the body, so the tree's edges lead
@@ -16,6 +17,7 @@
 
 mod analysis;
 mod background;
+mod border;
 mod candidate;
 mod decide;
 mod error;
@@ -37,8 +39,9 @@ mod superpoint;
 mod wall;
 
 pub use analysis::{Analysis, analyse};
+pub use border::BORDER;
 pub use candidate::FARTHEST;
-pub use decide::PartClass;
+pub use decide::{Borders, PartClass};
 pub use error::ModellingError;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};
 pub use lens::Lens;

@@ -9,13 +9,13 @@ use sagci_model::{
     Origin, Provenance, RefitTolerance, Shape,
 };
 
+use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
 use crate::candidate::Handle;
-use crate::decide::{Decision, Motion, Moving, WALLED, decide};
+use crate::decide::{Decided, Decision, Motion, Moving, WALLED, decide};
 use crate::network::Weights;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 use crate::solid::{Shapes, Slab, shapes};
-use crate::{ModellingError, grid::Grid};
 
 /// Mean density of wood and sheet-metal boxes, kg/m^3, and the wall that is assumed where only a surface is seen, m.
 const DENSITY: f64 = 600.0;
@@ -41,36 +41,14 @@ pub struct Perceived {
 /// Errors: too few points, all in one plane, several objects, a size that cannot be, weights that do not fit.
 pub fn perceive(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
     let analyses = analyse(cloud)?;
-    let (index, decision) = decide(&analyses, weights)?;
-    let analysis = &analyses[index];
-    let of_point = label(analysis, &decision);
-    Ok(put_together(analysis, &decision, &of_point, name))
+    let Decided { analysis, label, decision } = decide(&analyses, weights)?;
+    Ok(put_together(&analysis, &decision, &label, name))
 }
 
-/// The part of each thinned point.
-fn label(analysis: &Analysis, decision: &Decision) -> Vec<Option<i32>> {
-    let mut of_piece = vec![0_i32; analysis.superpoints.len()];
-    for (k, p) in decision.parts.iter().enumerate() {
-        p.pieces.iter().for_each(|i| of_piece[*i] = k as i32 + 1);
-    }
-    let mut of_point: Vec<Option<i32>> = analysis.piece.iter().map(|p| p.map(|p| of_piece[p as usize])).collect();
-    // What no superpoint holds goes with its neighbours.
-    let held: Vec<usize> = (0..of_point.len()).filter(|i| of_point[*i].is_some()).collect();
-    let points: Vec<Point3<f64>> = held.iter().map(|i| analysis.points[*i]).collect();
-    let reach = 6.0 * analysis.scale.spacing;
-    let grid = Grid::new(&points, reach / 2.0);
-    for i in 0..of_point.len() {
-        if of_point[i].is_none() {
-            of_point[i] = grid.nearest(&analysis.points[i], reach).and_then(|k| of_point[held[k]]);
-        }
-    }
-    of_point
-}
-
-fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<i32>], name: &str) -> Perceived {
-    let part: Vec<i32> = analysis.of_input.iter().map(|i| i.and_then(|i| of_point[i as usize]).unwrap_or(-1)).collect();
+fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32>], name: &str) -> Perceived {
+    let part: Vec<i32> = analysis.of_input.iter().map(|i| i.and_then(|i| of_point[i as usize]).map_or(-1, |l| l as i32)).collect();
     let loose = |id: usize| -> Vec<Point3<f64>> {
-        let own = |i: &usize| analysis.piece[*i].is_none() && of_point[*i] == Some(id as i32);
+        let own = |i: &usize| analysis.piece[*i].is_none() && of_point[*i] == Some(id as u32);
         (0..of_point.len()).filter(own).map(|i| analysis.points[i]).collect()
     };
     let mut counts = vec![0_usize; decision.parts.len() + 1];

@@ -81,6 +81,18 @@ impl Superpoint {
     }
 }
 
+impl Superpoint {
+    /// A piece of this one that holds some of its points. Few points say nothing of a plane.
+    pub(crate) fn part(&self, points: Vec<u32>, cloud: &[Point3<f64>]) -> Self {
+        let flat = self.flat && points.len() >= 10;
+        let own = Self::of(points, cloud, flat);
+        match flat {
+            true => Self { normal: self.normal, axial: self.axial, sides: self.sides, steps: self.steps, ..own },
+            false => own,
+        }
+    }
+}
+
 /// The flat regions of a cloud and what is left, whatever the yaw.
 pub(crate) struct Regions {
     flat: Vec<Vec<u32>>,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use sagci_furniture::{Category, Class, Family, Kind, Look, Random, STILL, families, look};
+use sagci_furniture::{Category, Class, Family, Kind, Labelled, Look, Object, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
 use sagci_modelling::{FARTHEST, Side, analyse, touching};
 
@@ -67,7 +67,8 @@ pub fn lesson(seed: u64, index: u64, held_out: bool) -> Vec<Lesson> {
     draw(seed, index, held_out).unwrap_or_default()
 }
 
-fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
+/// The object of an index, and what is seen of it; with what is left to be drawn.
+pub(crate) fn drawn(seed: u64, index: u64, held_out: bool) -> (Object, Labelled, Random) {
     let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "lesson");
     // Storage furniture varies most, so it is drawn more often.
     let category = match random.index(9) {
@@ -98,6 +99,11 @@ fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
         how = Look::around(&mut around);
     }
     let cloud = look(&object, &how, &mut random);
+    (object, cloud, random)
+}
+
+fn draw(seed: u64, index: u64, held_out: bool) -> Option<Vec<Lesson>> {
+    let (object, cloud, mut random) = drawn(seed, index, held_out);
     let analyses = analyse(&cloud.points).ok()?;
     let out = cloud.X_WF.rotation * Vector3::x();
     let sides: Vec<Vec<Side<'_>>> = analyses.iter().map(|a| (0..4).map(|q| Side::new(a, q)).collect()).collect();

@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod adam;
+mod border;
 mod initial;
 mod lesson;
 mod loss;
@@ -20,6 +21,7 @@ use sagci_modelling::ModellingError;
 use sagci_modelling::network::{Matrix, Weights};
 use serde::Serialize;
 
+pub use border::train_border;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
 

@@ -204,5 +204,6 @@ pub fn first_weights(seed: u64, lesson: &Lesson) -> Result<BTreeMap<String, Matr
     network.front(&trunk, n)?;
     network.same_part(&trunk, n, &[])?;
     network.joints(&trunk, n, &[], Matrix::zeros(0, 0))?;
+    network.border(Matrix::zeros(0, 0))?;
     Ok(initial.weights)
 }

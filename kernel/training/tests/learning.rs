@@ -3,8 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use sagci_modelling::network::Matrix;
-use sagci_training::{Settings, judge, learn, lessons, train};
+use sagci_modelling::network::{Matrix, Weights};
+use sagci_training::{Settings, judge, learn, lessons, train, train_border};
 
 const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4, rate: 2e-3 };
 
@@ -45,4 +45,21 @@ fn gradients_agree_with_central_differences() {
     }
     // Between the two sides of a difference some ReLU or maximum may have its kink.
     assert!(agree * 10 >= gradients.len() * 9, "{agree} of {} gradients agree", gradients.len());
+}
+
+#[test]
+fn the_border_head_learns_beside_weights_that_stay_and_repeats_to_the_bit() {
+    let shipped = Weights::shipped().unwrap();
+    let settings = Settings { objects: 12, epochs: 8, ..SETTINGS };
+    let mut losses: Vec<f64> = Vec::new();
+    let mut run = || {
+        let mut told = |line: &str| losses.extend(line.split_whitespace().nth(3).and_then(|x| x.parse::<f64>().ok()));
+        train_border(&settings, &shipped, &mut told).unwrap()
+    };
+    let (first, again) = (run(), run());
+    assert_eq!(first.to_bytes().unwrap(), again.to_bytes().unwrap());
+    assert!(losses[settings.epochs - 1] < 0.7 * losses[0], "{losses:?}");
+    for (name, before) in &shipped.matrices {
+        assert_eq!(*before == first.matrices[name], !name.starts_with("border."), "{name}");
+    }
 }

@@ -3,6 +3,7 @@
 
 use super::algebra::{Algebra, Matrix};
 use crate::ModellingError;
+use crate::border::BORDER;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
 
 /// Width of a superpoint's state.
@@ -109,6 +110,16 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.algebra.beside(&x, &geometry);
         let x = self.hidden("same.1", &x, 64 + PAIR, 48)?;
         self.linear("same.2", &x, 48, 1)
+    }
+
+    /// Log-odds that points belong to parts: a row of [`BORDER`] features each.
+    ///
+    /// Errors: as [`Self::trunk`].
+    pub fn border(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
+        let given = self.algebra.input(rows);
+        let x = self.hidden("border.1", &given, BORDER, 40)?;
+        let x = self.hidden("border.2", &x, 40, 24)?;
+        self.linear("border.3", &x, 24, 1)
     }
 
     /// Log-odds that x is the front.
