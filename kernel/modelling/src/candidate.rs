@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
+use crate::handle::{Proud, proud};
 use crate::posed::Posed;
 
 /// Number of candidates: slides along x, y, -y, z; hinges along z, y, x at two ends.
@@ -109,87 +110,6 @@ fn longest(section: &[Vector2<f64>], mean: &Vector2<f64>) -> Vector2<f64> {
         true => e.eigenvectors.column(most).into_owned(),
         false => Vector2::new(1.0, 0.0),
     }
-}
-
-/// What stands out of a panel, and which way that is.
-struct Proud {
-    points: Vec<Point3<f64>>,
-    outward: Vector3<f64>,
-    /// Where the panel is along it, m.
-    panel: f64,
-}
-
-fn proud(posed: &Posed<'_>, part: &[usize], s: &Shape) -> Proud {
-    // What stands out of the panel, away from the object's middle: a handle, most likely. Some of its points may be in no superpoint, or in
-    // one that was not taken for the part's.
-    let outward = s.outward(posed);
-    let panel_at = s.panel.iter().map(|p| p.coords.dot(&outward)).sum::<f64>() / s.panel.len().max(1) as f64;
-    let least = (3.0 * posed.analysis.scale.noise).max(0.008);
-    let many = posed.points.len() / 60;
-    let small = |i: usize| match posed.analysis.piece[i] {
-        Some(k) => part.contains(&(k as usize)) || posed.analysis.superpoints[k as usize].points.len() < many,
-        None => true,
-    };
-    let level = if outward.z.abs() > 0.9 { Vector3::y() } else { outward.cross(&Vector3::z()).normalize() };
-    let rise = outward.cross(&level);
-    let reach = |e: &Vector3<f64>| {
-        let mut t: Vec<f64> = s.panel.iter().map(|p| p.coords.dot(e)).collect();
-        (quantile(&mut t, 0.01), quantile(&mut t, 0.99))
-    };
-    let (wide, high) = (reach(&level), reach(&rise));
-    let points: Vec<Point3<f64>> = (0..posed.points.len())
-        .filter(|i| {
-            let p = posed.points[*i].coords;
-            let off = p.dot(&outward) - panel_at;
-            let (u, v) = (p.dot(&level), p.dot(&rise));
-            off > least && off < 0.1 && u > wide.0 && u < wide.1 && v > high.0 && v < high.1 && small(*i)
-        })
-        .map(|i| posed.points[i])
-        .collect();
-    Proud { points, outward, panel: panel_at }
-}
-
-/// A bar or knob that a hand can take hold of, in K.
-#[derive(Debug, Clone)]
-pub(crate) struct Handle {
-    /// Ends of its middle line, m.
-    pub(crate) from: Point3<f64>,
-    pub(crate) to: Point3<f64>,
-    /// Half of its width, m.
-    pub(crate) radius: f64,
-    /// Unit vector away from the panel.
-    pub(crate) outward: Vector3<f64>,
-    /// From its middle line to the panel, m.
-    pub(crate) off: f64,
-}
-
-/// The handle of a part, if one is seen: what stands out of its panel, if that is of a size for a hand.
-pub(crate) fn handle(posed: &Posed<'_>, part: &[usize]) -> Option<Handle> {
-    let s = shape(posed, part);
-    let Proud { points, outward, panel } = proud(posed, part, &s);
-    if points.len() < 8 {
-        return None;
-    }
-    // Its outer half is the bar; what is nearer the panel are its posts.
-    let off = |p: &Point3<f64>| p.coords.dot(&outward) - panel;
-    let far = quantile(&mut points.iter().map(off).collect::<Vec<_>>(), 0.9);
-    let bar: Vec<Point3<f64>> = points.into_iter().filter(|p| off(p) > 0.6 * far).collect();
-    let level = if outward.z.abs() > 0.9 { Vector3::y() } else { outward.cross(&Vector3::z()).normalize() };
-    let ends = |e: &Vector3<f64>| {
-        let mut t: Vec<f64> = bar.iter().map(|p| p.coords.dot(e)).collect();
-        (quantile(&mut t, 0.05), quantile(&mut t, 0.95))
-    };
-    let rise = outward.cross(&level);
-    let (u, v) = (ends(&level), ends(&rise));
-    let ((along, long), (across, wide)) = if u.1 - u.0 > v.1 - v.0 { ((level, u), (rise, v)) } else { ((rise, v), (level, u)) };
-    let radius = (0.5 * (wide.1 - wide.0)).max(0.003);
-    if radius > 0.035 || long.1 - long.0 > 2.0 || bar.len() < 5 {
-        return None;
-    }
-    let middle = ends(&outward);
-    let at = |t: f64| Point3::from(along * t + across * ((wide.0 + wide.1) / 2.0) + outward * ((middle.0 + middle.1) / 2.0));
-    let off = (middle.0 + middle.1) / 2.0 - panel;
-    Some(Handle { from: at(long.0), to: at(long.1), radius, outward, off })
 }
 
 /// Least and greatest corner of the rest of the object, its front at its face.

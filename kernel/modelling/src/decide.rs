@@ -5,9 +5,10 @@ use nalgebra::{Point3, Unit, Vector3};
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
 use crate::border::{Asked, Thought, ask, first_labels, relabelled, split};
-use crate::candidate::{Candidate, FARTHEST, Handle, handle};
+use crate::candidate::{Candidate, FARTHEST};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
+use crate::handle::{Handle, handle};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
 

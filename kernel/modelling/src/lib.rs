@@ -26,6 +26,7 @@ mod frame;
 mod grid;
 mod ground;
 mod grouping;
+mod handle;
 mod lens;
 pub mod network;
 mod normal;

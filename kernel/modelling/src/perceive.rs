@@ -11,8 +11,8 @@ use sagci_model::{
 
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
-use crate::candidate::Handle;
 use crate::decide::{Decided, Decision, Motion, Moving, WALLED, decide};
+use crate::handle::Handle;
 use crate::network::Weights;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 use crate::solid::{Shapes, Slab, shapes};

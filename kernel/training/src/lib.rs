@@ -38,6 +38,9 @@ pub struct Settings {
     pub batch: usize,
     /// Greatest rate of learning.
     pub rate: f64,
+    /// Share that stays of the weights that it goes on from: what they knew of other shapes is kept better so. (Wortsman et al., "Robust
+    /// fine-tuning of zero-shot models", CVPR 2022.)
+    pub kept: f64,
 }
 
 /// Why training failed.
@@ -130,7 +133,19 @@ pub fn train(
         made.made_by = serde_json::to_string(&note)?;
         log(&line, &made);
     }
+    if let Some(from) = from {
+        keep(&mut made.matrices, &from.matrices, settings.kept as f32);
+    }
     Ok(made)
+}
+
+/// Weights between those that were and those that came of them. What there was not before stays as it was learned.
+fn keep(learned: &mut BTreeMap<String, Matrix>, before: &BTreeMap<String, Matrix>, share: f32) {
+    for (name, to) in learned {
+        if let Some(known) = before.get(name).filter(|k| k.shape() == to.shape()) {
+            *to = &*to * (1.0 - share) + known * share;
+        }
+    }
 }
 
 /// Takes over what is known. Inputs that the network did not have then come last, and begin without weight: it answers as it did.

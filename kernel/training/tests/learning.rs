@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use sagci_modelling::network::{Matrix, Weights};
 use sagci_training::{Settings, judge, learn, lessons, train, train_border};
 
-const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4, rate: 2e-3 };
+const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
 
 #[test]
 fn the_loss_falls_and_the_run_repeats_to_the_bit() {
@@ -62,4 +62,23 @@ fn the_border_head_learns_beside_weights_that_stay_and_repeats_to_the_bit() {
     for (name, before) in &shipped.matrices {
         assert_eq!(*before == first.matrices[name], !name.starts_with("border."), "{name}");
     }
+}
+
+/// What is learned of new shapes is mixed with what was known: all of it kept is what was known, half of it the mean.
+#[test]
+fn what_was_known_is_kept_by_its_share() {
+    let taught = lessons(3, 6, false);
+    let round = |from: Option<&Weights>, kept: f64| {
+        let settings = Settings { seed: 3, objects: 6, epochs: 1, kept, ..SETTINGS };
+        train(&settings, from, &taught, &[], &mut |_, _| {}).unwrap()
+    };
+    let before = round(None, 0.0);
+    let learned = round(Some(&before), 0.0);
+    assert_eq!(round(Some(&before), 1.0).matrices, before.matrices);
+    let half = round(Some(&before), 0.5).matrices;
+    for (name, m) in &half {
+        let mean = (&before.matrices[name] + &learned.matrices[name]) * 0.5;
+        assert!((m - mean).amax() < 1e-6, "{name}");
+    }
+    assert_ne!(half, learned.matrices, "nothing was learned");
 }
