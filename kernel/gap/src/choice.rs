@@ -71,7 +71,9 @@ impl Choice {
         let says_more =
             |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
-        let rival = |(c, less): &&(&Candidate, f64)| less.abs() < ALIKE && !elsewhere(c) && says_more(c);
+        // What says more by no more numbers, and has not taken the place, is not out.
+        let no_less = |c: &Candidate, less: f64| less.abs() < ALIKE || less < 0.0 && numbers(c) <= numbers(&itself);
+        let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && says_more(c);
         let rivals = beside.iter().filter(rival).map(|(c, _)| (*c).clone());
         self.alike = std::iter::once(itself.clone()).chain(rivals).collect();
     }
@@ -125,7 +127,8 @@ impl Search<'_> {
         alternatives.extend(choice.equivalent.iter().map(|n| (*n).to_owned()));
         alternatives.sort();
         alternatives.dedup();
-        let mut weights: Vec<f64> = choice.others.iter().map(|o| if o.2 > -ALIKE { (-o.2).exp() } else { 0.0 }).collect();
+        let counts = |o: &&(&str, Option<usize>, f64)| o.2 > -ALIKE || alternatives.iter().any(|a| a == o.0);
+        let mut weights: Vec<f64> = choice.others.iter().filter(counts).map(|o| (-o.2).min(50.0).exp()).collect();
         weights.push((-choice.gain).exp());
         weights.push((choice.nameless - choice.gain).min(50.0).exp());
         let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());

@@ -59,6 +59,22 @@ fn names_are_not_told_apart_by_errors_that_go_on() {
     assert_eq!(names(20), ["quadratic_drag"]);
 }
 
+/// A name that says more than the one that was chosen may have been refused for its windows or its numbers: by the windows alone it is not out.
+#[test]
+fn what_says_more_by_no_more_numbers_is_not_left_out() {
+    let beside = |effect: &'static str, values: &[f64]| {
+        alike(|search, rows| {
+            let (errors, told) = (signs(rows, 1), vec![1.0; values.len()]);
+            vec![
+                candidate(search, "coulomb_friction", &[0.1], &errors, 0.0, &[1.0]),
+                candidate(search, effect, values, &errors, 8.0, &told),
+            ]
+        })
+    };
+    assert_eq!(beside("quadratic_drag", &[0.1]), ["quadratic_drag"]);
+    assert_eq!(beside("stribeck_friction", &[0.1, 0.2, 0.1, 2.0]), Vec::<&str>::new());
+}
+
 /// A friction whose further number does nothing is the plain friction again; an axis that is off is no encoder, however many numbers it has.
 #[test]
 fn an_idle_number_makes_a_plainer_name_of_its_own_kind_alone() {

@@ -194,6 +194,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         scale = search.scale(&current);
         confirmed.clear();
     }
+    current = current.with_sines_wrapped();
     let mut remainder = search.nameless(&current, scale)?;
     let nameless = search.nameless(&refitted, scale)?;
     say("predicting over windows, beside other ways");

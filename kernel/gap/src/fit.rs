@@ -328,6 +328,14 @@ impl Fit {
         -0.5 * squares / (scale * scale) - hypothesis.prior(&hypothesis.x) - widths + volume
     }
 
+    /// The same fit, its sines written in one way: see [`Hypothesis::wrap_sines`].
+    pub fn with_sines_wrapped(mut self) -> Self {
+        for i in self.hypothesis.wrap_sines() {
+            self.jacobian.get_mut(i).into_iter().for_each(|c| c.neg_mut());
+        }
+        self
+    }
+
     /// Do the data say something of a number, beyond its prior?
     pub fn is_told(&self, number: usize, scale: f64) -> bool {
         let deviation = self.hypothesis.fitted[number].prior[1];

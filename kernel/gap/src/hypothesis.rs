@@ -1,6 +1,6 @@
 //! A model with the numbers in it that data may move: what is fitted.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use sagci_dynamics::effects::{self, Description, Prior};
@@ -177,6 +177,27 @@ impl Hypothesis {
         this.fitted = left.iter().map(|i| this.fitted[*i].clone()).collect();
         this.x = left.iter().map(|i| self.x[*i]).collect();
         this
+    }
+
+    /// Writes every sine by an amplitude that is no less than nothing and a phase within half a turn: one sine has many such pairs. Gives the
+    /// numbers of which the sign turned.
+    pub fn wrap_sines(&mut self) -> Vec<usize> {
+        let of = |name: &str| -> Vec<(usize, usize)> {
+            let entry = |k: &Knob| if let Knob::Effect(e, n) = k { (*n == name).then_some(*e) } else { None };
+            self.fitted.iter().enumerate().filter_map(|(i, f)| Some((entry(&f.knob)?, i))).collect()
+        };
+        let phases = of("phase");
+        let mut turned = Vec::new();
+        for (entry, amplitude) in of("amplitude") {
+            let Some((_, phase)) = phases.iter().find(|(e, _)| *e == entry) else { continue };
+            if self.x[amplitude] < 0.0 {
+                self.x[amplitude] = -self.x[amplitude];
+                self.x[*phase] += PI;
+                turned.push(amplitude);
+            }
+            self.x[*phase] = PI - (PI - self.x[*phase]).rem_euclid(TAU);
+        }
+        turned
     }
 
     /// The same with one more effect, its parameters at the values given.

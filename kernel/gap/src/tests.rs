@@ -203,6 +203,27 @@ fn a_fit_that_begins_far_off_ends_where_one_does_that_begins_near() {
     }
 }
 
+/// One sine is told by one pair of numbers, or an interval around the other pair would miss it.
+#[test]
+fn a_sine_is_written_in_one_way_and_stays_the_same_force() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let known = Hypothesis::known(&model, &search.joints);
+    for (effect, values) in [("hinge_tilt", &[-0.1, 5.0][..]), ("hinge_tilt", &[0.1, -7.0]), ("torque_ripple", &[-0.05, 6.0, 1.0])] {
+        let fit = Fit::start(&search.problem, known.with(effect, Some("hinge"), values).unwrap()).unwrap();
+        let fit = fit.differentiated(&search.problem, None).unwrap();
+        let wrapped = fit.clone().with_sines_wrapped();
+        let again = Fit::start(&search.problem, wrapped.hypothesis.clone()).unwrap().differentiated(&search.problem, None).unwrap();
+        assert!((&again.errors - &fit.errors).amax() < 1e-6 * fit.errors.amax(), "{effect}: another force");
+        for (column, anew) in wrapped.jacobian.iter().zip(&again.jacobian) {
+            assert!((column - anew).amax() < 1e-3 * anew.amax().max(1e-9), "{effect}: its derivatives are not its own");
+        }
+        let told = &again.hypothesis.x[again.hypothesis.known..];
+        assert!(told[0] > 0.0 && told.last().unwrap().abs() <= std::f64::consts::PI, "{effect}: {told:?}");
+    }
+}
+
 /// Mass, centre of mass and inertia of one door are one number to its hinge: the number that is kept has the room of all.
 #[test]
 fn inertial_numbers_that_show_alike_are_one() {
