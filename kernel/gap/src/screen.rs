@@ -25,7 +25,8 @@ const FIRST_ROUNDS: usize = 3;
 const ROUNDS: usize = 8;
 /// An effect that explains less than this share of what the best one explains is not looked at further.
 const HOPE: f64 = 0.3;
-/// The same for one of few numbers: its fit is soon made, and a richer one that bends where known numbers were led astray imitates it.
+/// The same for one of few numbers: its fit is soon made, and a richer one that bends where known numbers were led astray imitates it. And for
+/// one that resonates: beside its frequency a run shows little of it.
 const LITTLE_HOPE: f64 = 0.1;
 /// Logarithm of the evidence below which a small force will not be convincing.
 pub(crate) const NEAR: f64 = 10.0;
@@ -311,7 +312,7 @@ fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
     ranked.retain(|r| {
         place += 1;
         let first = &r[0];
-        let hope = if first.plain { LITTLE_HOPE } else { HOPE };
+        let hope = if first.plain || starts::resonates(first.effect) { LITTLE_HOPE } else { HOPE };
         (first.worth > -NEAR || !first.linear) && (place <= 4 || first.worth > hope * most[usize::from(first.linear)])
     });
     ranked
@@ -384,6 +385,22 @@ mod tests {
         all.push(screened("torque_bias", true, true, 20.0));
         let kept = kept(all);
         assert_eq!(kept[1..], friction, "{kept:?}");
+    }
+
+    /// A run a quarter beside a sharp mode promises a small part of what a fit finds.
+    #[test]
+    fn a_resonance_is_not_passed_over_for_what_shows_at_any_frequency() {
+        let all = [
+            ("clock_skew", 450.0),
+            ("payload", 440.0),
+            ("transport_delay", 400.0),
+            ("torque_gain", 320.0),
+            ("joint_elasticity", 130.0),
+            ("backlash", 87.0),
+        ];
+        let kept = worth_a_fit(all.iter().map(|(name, worth)| screened(name, false, false, *worth)).collect());
+        let names: Vec<&str> = kept.iter().map(|r| r[0].effect).collect();
+        assert_eq!(names, ["clock_skew", "payload", "transport_delay", "torque_gain", "joint_elasticity"]);
     }
 
     #[test]

@@ -150,6 +150,11 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
     }
 }
 
+/// Is it seen near one frequency alone, of which starts know no more than a third?
+pub(crate) fn resonates(effect: &str) -> bool {
+    matches!(effect, "joint_elasticity" | "unmodelled_mode")
+}
+
 /// What starts of an effect add up to, each taken so many times; none where they do not add.
 pub(crate) fn sum(effect: &str, parts: &[(f64, &[f64])]) -> Option<Vec<f64>> {
     let first = parts.first()?.1;
