@@ -71,6 +71,8 @@ const GOOD_PART: f64 = 0.1;
 const NEARLY: f64 = 0.9;
 /// Share of the gap that names may leave where much more is left than noise makes.
 const MOST_OF_IT: f64 = 0.5;
+/// Squares of the errors without a name over those with it, from which on other names in its place need derivatives of their own.
+const FAR_OFF: f64 = 2.0;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -128,6 +130,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
                 continue;
             }
             let mut candidates = search.stage(&less, scale)?;
+            if less.squares > FAR_OFF * current.squares {
+                search.settle_rivals(&mut candidates, chosen[at].best.effect, without, scale);
+            }
             search.rank(&mut candidates, scale);
             search.prefer_simpler(model, &mut candidates, without, options.window)?;
             let name = chosen[at].best.effect;

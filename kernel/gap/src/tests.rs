@@ -15,7 +15,7 @@ use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise};
 use crate::plant::Plant;
 use crate::response::Response;
-use crate::search::Search;
+use crate::search::{Candidate, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::{Seek, Smoothed, likely_noise};
 
@@ -201,6 +201,32 @@ fn a_fit_that_begins_far_off_ends_where_one_does_that_begins_near() {
         // By less than names are told apart by.
         assert!(off < 3.0, "begun at {far:?}: {off}");
     }
+}
+
+/// A name in the place of another that was most of what is there: with derivatives from the fit without both it would stop far from its end.
+#[test]
+fn what_may_take_a_names_place_is_fitted_to_its_own_end() {
+    let model = door();
+    let losses = [("friction_positive", 0.05), ("friction_negative", 0.03), ("damping_positive", 0.06), ("damping_negative", 0.12)];
+    let spring = with(&model, "joint_spring", &[("stiffness", 0.6), ("rest_position", 0.5)]);
+    let truth = with(&spring, "asymmetric_friction", &losses);
+    let trajectories: Vec<Trajectory> = (1..3).map(|s| Trajectory::new(&swing(&truth, 2e-4, s), &model).unwrap()).collect();
+    let search = Search::new(&model, &trajectories).unwrap();
+    let known = Hypothesis::known(&model, &search.joints);
+    let settled = |hypothesis: Hypothesis| search.settle(&Fit::start(&search.problem, hypothesis).unwrap(), 1.0);
+    let of = |values: &[f64; 4]| known.with("asymmetric_friction", Some("hinge"), values).unwrap();
+    let end = settled(of(&losses.map(|l| l.1)).with("joint_spring", Some("hinge"), &[0.6, 0.5]).unwrap());
+    let without = settled(of(&[0.1; 4]));
+    let here = search.evidence(&without, 1.0);
+    let mut candidates = search.stage(&without, 1.0).unwrap();
+    let behind = |all: &[Candidate]| {
+        let spring = all.iter().find(|c| c.effect == "joint_spring").unwrap();
+        0.5 * (spring.fit.squares - end.squares)
+    };
+    let before = behind(&candidates);
+    search.settle_rivals(&mut candidates, "cable_hysteresis", here, 1.0);
+    assert!(behind(&candidates) < 3.0, "behind by {before}, then by {}", behind(&candidates));
+    assert!(before > 10.0, "nothing had to be done: {before}");
 }
 
 /// One sine is told by one pair of numbers, or an interval around the other pair would miss it.

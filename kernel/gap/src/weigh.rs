@@ -23,6 +23,8 @@ pub(crate) const CONVINCING: f64 = 10.0;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
 const SAME: f64 = 0.5 * FLOOR;
+/// How many that may take the place of a name are fitted to the end.
+const RIVALS: usize = 3;
 /// Share of the best one's evidence that it needs if it makes another force.
 const NEARLY: f64 = 0.95;
 /// Share of what accelerates a joint that an effect needs, less being below what any model is off by; or at the least, if with it the gap
@@ -84,6 +86,16 @@ impl<'a> Search<'a> {
             Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
         };
         anew().unwrap_or_else(|_| fit.clone())
+    }
+
+    /// Fits to the end, by derivatives of their own, those of the best that may take the place of `name`. A stage's fits have derivatives by the
+    /// known numbers from the fit that it adds to, and where the name is most of what is there, these are far from those with another in its
+    /// place. `here` is the evidence of the fit without it.
+    pub fn settle_rivals(&self, candidates: &mut [Candidate], name: &str, here: f64, scale: f64) {
+        let most = candidates.iter().map(|c| c.evidence - here).fold(0.0, f64::max);
+        let rival = |c: &&mut Candidate| c.effect != name && c.evidence - here > 0.5 * most;
+        let rivals: Vec<&mut Candidate> = candidates.iter_mut().filter(rival).take(if self.many_joints() { 0 } else { RIVALS }).collect();
+        rivals.into_par_iter().for_each(|c| c.fit = self.settle(&c.fit, scale));
     }
 
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
