@@ -35,6 +35,19 @@ impl Hinge {
     }
 }
 
+/// Where `a v + dry sgn(v) = r`, between walls.
+#[inline]
+pub(crate) fn slide(a: f64, r: f64, [forward, backward]: [f64; 2], [lower, upper]: [f64; 2]) -> f64 {
+    let v = if r > forward {
+        (r - forward) / a
+    } else if r < -backward {
+        (r + backward) / a
+    } else {
+        0.0
+    };
+    v.max(lower).min(upper)
+}
+
 /// Impulse of dry friction on motion at `v`; at rest it counts as zero.
 #[inline]
 pub(crate) fn rub([forward, backward]: [f64; 2], v: f64) -> f64 {
@@ -166,16 +179,30 @@ impl Problem {
 
     /// One coordinate alone: the least of its own function is the solution.
     fn solve_single(&mut self) -> Result<(), DynamicsError> {
+        self.slide_single()?;
+        self.hold_single();
+        Ok(())
+    }
+
+    /// Its next velocity.
+    #[inline]
+    pub fn slide_single(&mut self) -> Result<f64, DynamicsError> {
         let a = self.A[0];
         if a.is_nan() || a <= 0.0 {
             return Err(DynamicsError::NoConvergence { what: WHAT, residual: f64::INFINITY, iterations: 0 });
         }
-        let v = self.minimise(0);
+        let v = if self.hinges.is_empty() { slide(a, self.b[0], self.dry[0], self.walls[0]) } else { self.minimise(0) };
         self.v[0] = v;
+        Ok(v)
+    }
+
+    /// What holds it there, and its factor.
+    #[inline]
+    pub fn hold_single(&mut self) {
         self.hold();
+        let v = self.v[0];
         let pushed: f64 = self.hinges.iter().filter(|h| h.push(v) != 0.0).map(|h| h.slope).sum();
-        self.factor[0][0] = 1.0 / (a + pushed);
-        Ok(())
+        self.factor[0][0] = 1.0 / (self.A[0] + pushed);
     }
 
     /// Does the candidate stay on the pieces on which `v` stands? It is the solution then.
@@ -259,15 +286,7 @@ impl Problem {
         let [lower, upper] = self.walls[k];
         let [forward, backward] = self.dry[k];
         if !self.hinges.iter().any(|h| h.k == k) {
-            // a v + dry sgn(v) = r
-            let v = if r > forward {
-                (r - forward) / a
-            } else if r < -backward {
-                (r + backward) / a
-            } else {
-                0.0
-            };
-            return v.max(lower).min(upper);
+            return slide(a, r, self.dry[k], self.walls[k]);
         }
         // The function's corners: where dry friction jumps, and where stops begin to push.
         self.kinks.clear();

@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut};
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
-use crate::effects::{Acts, Advance, Force, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Sway, Transfer};
+use crate::effects::{Acts, Advance, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Row, Sway, Transfer};
 use crate::joint::Motion;
 use crate::spatial::{join, linear};
 use crate::step::StepWorkspace;
@@ -166,16 +166,12 @@ impl System {
         }
     }
 
-    /// The same without derivatives, for the step; of an effect that acts on a joint.
+    /// Adds to a step's row what an effect that acts on its joint does there.
     #[inline]
-    pub(crate) fn force(&self, placed: &Placement, taken: &Taken<'_>) -> Force {
-        let mut force = placed.effect.force(self.theta_of(placed), &self.instant(placed, taken, taken.tau[placed.v]));
-        if !self.wears.is_empty() && placed.effect.description().wears {
-            let factor = self.wear(placed.v, taken, None);
-            force.smooth = force.smooth.map(|f| f * factor);
-            force.dry = force.dry.map(|f| f * factor);
-        }
-        force
+    pub(crate) fn add_force(&self, placed: &Placement, taken: &Taken<'_>, row: &mut Row<'_>) {
+        let worn = !self.wears.is_empty() && placed.effect.description().wears;
+        let factor = if worn { self.wear(placed.v, taken, None) } else { 1.0 };
+        placed.effect.add_force(self.theta_of(placed), &self.instant(placed, taken, taken.tau[placed.v]), factor, row);
     }
 
     /// The factor on the losses of a degree of freedom; without one effect, if that is given.

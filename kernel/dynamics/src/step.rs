@@ -15,8 +15,9 @@
 //! [`Coriolis::AtMidpoint`] solves the step once with `c(q, v)` for a first `w`, then once more with `c(q, (v + w) / 2)`.
 
 use crate::algorithms::pendulum::Pendulum;
-use crate::complementarity::{Held, Hinge, Problem};
+use crate::complementarity::{Held, Problem};
 use crate::contact::solver::ContactWorkspace;
+use crate::effects::Row;
 use crate::error::check;
 use crate::placed::{BaseMotion, Taken};
 use crate::residual::ResidualWorkspace;
@@ -179,6 +180,9 @@ impl System {
         }
         if self.steps_as_pendulum(input) {
             self.load_pendulum(ws, state)?;
+            if self.residual.is_none() {
+                return self.step_pendulum(ws, state, dt);
+            }
         } else {
             multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;
             multibody.gather_external(&mut ws.rigid, input.external)?;
@@ -226,11 +230,10 @@ impl System {
     fn load_pendulum(&self, ws: &mut StepWorkspace, state: &State) -> Result<(), DynamicsError> {
         check("q", &state.q, 1)?;
         check("v", &state.v, 1)?;
-        let pendulum = match &ws.pendulum {
-            Some(pendulum) if pendulum.stamp == self.stamp => *pendulum,
-            _ => self.multibody().pendulum(&mut ws.rigid, self.stamp),
+        let pendulum = match &mut ws.pendulum {
+            Some(pendulum) if pendulum.stamp == self.stamp => pendulum,
+            other => other.insert(self.multibody().pendulum(&mut ws.rigid, self.stamp)),
         };
-        ws.pendulum = Some(pendulum);
         ws.load[0] = -pendulum.gravity(state.q[0])[0];
         ws.rigid.M[(0, 0)] = pendulum.mass;
         Ok(())
@@ -286,27 +289,15 @@ impl System {
         }
     }
 
-    /// Solves the step again about its own solution, until that stays. Where that goes slowly, as with a friction that falls steeply, by
-    /// secants (Anderson 1965, over two rounds). Where it does not stay, a force jumps or falls so steeply within the step that the step has
-    /// no solution that its derivatives could stand on; that is an error, and a shorter step helps.
+    /// Solves the step again about its own solution, until that stays: see [`Rounds`].
     fn refine(&self, ws: &mut StepWorkspace, state: &State, dt: f64) -> Result<(), DynamicsError> {
         if !self.nonlinear {
             return Ok(());
         }
-        let (mut moved, mut least, mut waited) = (0.0_f64, f64::INFINITY, 0);
-        for round in 0..REFINEMENTS {
-            let by = |(w, old): (&f64, &f64)| (w - old).abs() / (1.0 + w.abs());
-            let before = moved;
-            moved = ws.problem.v.iter().zip(&ws.next).map(by).fold(0.0, f64::max);
-            if moved <= SETTLED {
-                return Ok(());
-            }
-            waited = if moved < 0.5 * least { 0 } else { waited + 1 };
-            least = least.min(moved);
-            if waited > PATIENCE {
-                break;
-            }
-            let slow = round > 1 && moved > SLOW * before;
+        let mut rounds = Rounds::default();
+        loop {
+            let moved = ws.problem.v.iter().zip(&ws.next).map(|(w, old)| moved(*w, *old)).fold(0.0, f64::max);
+            let Some(slow) = rounds.go_on(moved)? else { return Ok(()) };
             for k in 0..ws.next.len() {
                 let answer = ws.problem.v[k];
                 let off = answer - ws.next[k];
@@ -320,10 +311,6 @@ impl System {
             check("the forces of the step", &ws.problem.b, ws.problem.n)?;
             self.solve(ws, dt, true)?;
         }
-        if moved <= UNSETTLED {
-            return Ok(());
-        }
-        Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
     }
 
     /// Writes what of the step's problem stays, about whatever next velocities it is written.
@@ -355,19 +342,105 @@ impl System {
         let taken = Taken { state, next: &ws.next, tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
         for &i in &self.resisting {
             let placed = &self.placements()[i];
-            let force = self.force(placed, &taken);
-            let (k, [value, slope]) = (placed.v, force.smooth);
-            let slope = slope.max(0.0);
-            problem.A[k * n + k] += dt * slope;
-            problem.b[k] += dt * (slope * ws.next[k] - value);
-            for (dry, bound) in problem.dry[k].iter_mut().zip(force.dry) {
-                *dry += dt * bound.max(0.0);
-            }
-            for [side, offset, slope] in force.stops.into_iter().flatten() {
-                problem.hinges.push(Hinge { k, side, offset: dt * offset, slope: dt * slope });
-            }
+            let k = placed.v;
+            let (at, stops) = (k * n + k, &mut problem.hinges);
+            let mut row = Row { a: problem.A[at], b: problem.b[k], dry: problem.dry[k], stops, k, next: ws.next[k], dt };
+            self.add_force(placed, &taken, &mut row);
+            (problem.A[at], problem.b[k], problem.dry[k]) = (row.a, row.b, row.dry);
         }
         self.add_bases(ws, state, dt);
+    }
+
+    /// The step of one body alone, from its load and its mass on: all of it in numbers, not vectors.
+    fn step_pendulum(&self, ws: &mut StepWorkspace, state: &mut State, dt: f64) -> Result<(), DynamicsError> {
+        self.drive(ws, state, dt);
+        self.prepare(&mut ws.problem, state, dt);
+        let v = state.v[0];
+        let mass = ws.rigid.M[(0, 0)];
+        let momentum = mass * v + dt * (ws.tau[0] + ws.load[0]);
+        let (mut next, mut rounds, mut answers) = (v, Rounds::default(), [[[0.0; 2]; 2]]);
+        loop {
+            let taken = Taken { state, next: &[next], tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+            ws.problem.hinges.clear();
+            let mut row = Row { a: mass, b: momentum, dry: [0.0; 2], stops: &mut ws.problem.hinges, k: 0, next, dt };
+            for &i in &self.resisting {
+                self.add_force(&self.placements()[i], &taken, &mut row);
+            }
+            let Row { a, b, dry, .. } = row;
+            (ws.problem.A[0], ws.problem.b[0], ws.problem.dry[0]) = (a, b, dry);
+            check("the forces of the step", &ws.problem.b, 1)?;
+            let answer = ws.problem.slide_single()?;
+            if !self.nonlinear {
+                break;
+            }
+            let Some(slow) = rounds.go_on(moved(answer, next))? else { break };
+            answers[0] = [answers[0][1], [answer, answer - next]];
+            let [old, new] = answers[0];
+            let share = if slow { secant(&answers) } else { 0.0 };
+            next = new[0] - share * (new[0] - old[0]);
+        }
+        ws.problem.hold_single();
+        check("the next velocities", &ws.problem.v, 1)?;
+        let w = ws.problem.v[0];
+        let q = state.q[0] + w * dt;
+        check("the next positions", &[q], 1)?;
+        if !ws.z.is_empty() {
+            let taken = Taken { state, next: &[w], tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
+            self.advance(&taken, &mut ws.z);
+            check("the next inner states", &ws.z, ws.z.len())?;
+            state.z.copy_from_slice(&ws.z);
+        }
+        (state.q[0], state.v[0]) = (q, w);
+        state.time += dt;
+        Ok(())
+    }
+}
+
+/// How far a next velocity is from the one about which its step was written, over its size.
+#[inline]
+fn moved(w: f64, old: f64) -> f64 {
+    (w - old).abs() / (1.0 + w.abs())
+}
+
+/// How a step comes to its solution: written about its own solution again, until that stays. Where that goes slowly, as with a friction that
+/// falls steeply, by secants (Anderson 1965, over two rounds). Where it does not stay, a force jumps or falls so steeply within the step
+/// that the step has no solution that its derivatives could stand on; that is an error, and a shorter step helps.
+#[derive(Debug)]
+struct Rounds {
+    round: usize,
+    /// By how much the last round moved it, and the least of all.
+    moved: f64,
+    least: f64,
+    /// Rounds without half of the least.
+    waited: usize,
+}
+
+impl Default for Rounds {
+    fn default() -> Self {
+        Self { round: 0, moved: 0.0, least: f64::INFINITY, waited: 0 }
+    }
+}
+
+impl Rounds {
+    /// Whether another round is needed after one that moved by so much, and if so, whether it goes slowly.
+    #[inline]
+    fn go_on(&mut self, moved: f64) -> Result<Option<bool>, DynamicsError> {
+        let fast = self.round > 0 && moved <= SLOW * self.moved;
+        // Where rounds fall that fast, the next would move by no more than the same share of this one.
+        if moved <= SETTLED || fast && moved * moved <= SETTLED * self.moved {
+            return Ok(None);
+        }
+        self.waited = if moved < 0.5 * self.least { 0 } else { self.waited + 1 };
+        self.least = self.least.min(moved);
+        let slow = self.round > 1 && !fast;
+        (self.moved, self.round) = (moved, self.round + 1);
+        if self.waited <= PATIENCE && self.round <= REFINEMENTS {
+            return Ok(Some(slow));
+        }
+        if moved <= UNSETTLED {
+            return Ok(None);
+        }
+        Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
     }
 }
 

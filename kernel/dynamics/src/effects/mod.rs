@@ -75,8 +75,11 @@ pub trait Effect: std::fmt::Debug + Sync {
     /// All of it together at the next velocity, as [`Resistance::total`] adds it up.
     fn resist_in_all(&self, theta: &[f64], at: &Instant<'_>) -> Partial;
 
-    /// The same without derivatives but the slope, for a step.
+    /// The same without derivatives but the slope.
     fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force;
+
+    /// The same times a factor, added to its joint's row of a step's problem. A step asks many times, so nothing is copied on the way.
+    fn add_force(&self, theta: &[f64], at: &Instant<'_>, factor: f64, row: &mut Row<'_>);
 
     /// Number of inner states, such as the bristle of a presliding model or a pressure; at most [`MAX_STATES`]. They start at
     /// zero.
@@ -175,6 +178,12 @@ impl<L: Law> Effect for L {
         let mut out = Resistance::<Slope>::default();
         Law::resist(self, theta, at, &mut out);
         Force::from(&out)
+    }
+
+    fn add_force(&self, theta: &[f64], at: &Instant<'_>, factor: f64, row: &mut Row<'_>) {
+        let mut out = Resistance::<Slope>::default();
+        Law::resist(self, theta, at, &mut out);
+        row.add(&out, factor);
     }
 
     fn states(&self) -> usize {

@@ -2,10 +2,10 @@
 
 use rand::RngExt;
 use sagci_dynamics::effects::{Acts, Advance, Instant, Prior, Resistance, catalogue};
-use sagci_dynamics::{Cotangents, DynamicsError, Held, Input, State, System, Taken};
+use sagci_dynamics::{Cotangents, DynamicsError, ExternalWrench, Held, Input, SpatialVector, State, System, Taken};
 
-use crate::common::random;
-use crate::{block, draw, run};
+use crate::common::{self, random};
+use crate::{block, draw, entry, run};
 
 const MASS: f64 = 1.3;
 const DT: f64 = 2e-3;
@@ -257,4 +257,62 @@ fn a_step_solves_its_equation_or_says_that_it_does_not() {
     }
     // Some are refused, or nothing is said of those here.
     assert!(solved > 1900 && refused > 10, "{solved} solved, {refused} refused");
+}
+
+/// One body alone is stepped in numbers; with a force from outside that is none it is stepped as any tree.
+#[test]
+fn a_body_alone_steps_as_it_would_in_a_tree() {
+    let model = common::model(
+        "door",
+        &[
+            common::link("frame", 1.0, [0.0; 3], [0.1, 0.0, 0.0, 0.1, 0.0, 0.1]),
+            common::link("leaf", 1.7, [0.2, 0.05, -0.3], [0.1, 0.01, 0.0, 0.2, 0.02, 0.15]),
+            common::joint(
+                "hinge",
+                "revolute",
+                "frame",
+                "leaf",
+                [0.2, 0.9, 0.1],
+                [0.1, 0.2, 0.3, 0.4, 0.0, 0.1],
+                "<limit lower='-0.6' upper='0.7' velocity='9' effort='9'/>",
+            ),
+        ]
+        .concat(),
+    );
+    let mut rng = random(77);
+    let (mut compared, mut held) = (0, 0);
+    for trial in 0..600 {
+        let mut system = System::new(&[common::welded(&model)]).unwrap();
+        for _ in 0..1 + trial % 3 {
+            let effect = &catalogue()[rng.random_range(0..catalogue().len())];
+            let d = effect.description();
+            if d.acts == Acts::Base {
+                continue;
+            }
+            let parameters: Vec<(&str, f64)> =
+                d.parameters.iter().filter(|p| p.words.is_empty()).map(|p| (p.name, draw(p, 0, &mut rng))).collect();
+            system.add_effect("door", &entry(d.name, Some("hinge"), &parameters)).unwrap();
+        }
+        let (mut ws, mut other, mut state) = (system.workspace(), system.workspace(), system.state());
+        (state.q[0], state.v[0]) = (rng.random_range(-0.7..0.8), rng.random_range(-2.0..2.0));
+        let none = [ExternalWrench { link: system.multibody().links().last().unwrap().0, F_W: SpatialVector::zeros() }];
+        for _ in 0..20 {
+            let tau = [rng.random_range(-4.0..4.0)];
+            let mut tree = state.clone();
+            let alone = system.step(&mut ws, &mut state, &Input { tau: &tau, external: &[] }, DT);
+            let among = system.step(&mut other, &mut tree, &Input { tau: &tau, external: &none }, DT);
+            assert_eq!(alone.is_ok(), among.is_ok(), "{alone:?} {among:?}");
+            if alone.is_err() {
+                break;
+            }
+            let pairs = state.q.iter().chain(&state.v).chain(&state.z).zip(tree.q.iter().chain(&tree.v).chain(&tree.z));
+            for (a, b) in pairs {
+                assert!((a - b).abs() <= 1e-9 * (1.0 + b.abs()), "{a} {b}: {:?}", system.placements());
+            }
+            assert_eq!(ws.held(), other.held());
+            held += usize::from(ws.held()[0] != Held::Free);
+            compared += 1;
+        }
+    }
+    assert!(compared > 8000 && held > 100, "{compared} {held}");
 }

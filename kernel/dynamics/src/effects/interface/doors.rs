@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::number::{Number, Variable};
 use super::partial::{MAX_PARAMETERS, MAX_STATES, Partial, parameters};
+use crate::complementarity::Hinge;
 
 /// Number of samples that an effect with a history keeps.
 pub const HISTORY: usize = 64;
@@ -142,7 +143,7 @@ impl<N: Number> Stop<N> {
     }
 }
 
-/// A [`Resistance`] without its derivatives: what a step needs.
+/// A [`Resistance`] without its derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Force {
     /// The smooth part at the next velocity, and its slope by that.
@@ -178,6 +179,38 @@ impl Force {
             sum += side * (offset + slope * side * next).max(0.0);
         }
         sum
+    }
+}
+
+/// One joint's row of a step's problem, `a w = b` with dry friction and stops, about the next velocity at which forces are taken.
+#[derive(Debug)]
+pub struct Row<'a> {
+    pub(crate) a: f64,
+    pub(crate) b: f64,
+    /// Impulses of dry friction against positive and against negative motion.
+    pub(crate) dry: [f64; 2],
+    pub(crate) stops: &'a mut Vec<Hinge>,
+    /// The degree of freedom.
+    pub(crate) k: usize,
+    pub(crate) next: f64,
+    pub(crate) dt: f64,
+}
+
+impl Row<'_> {
+    /// Adds a force times a factor, by which stops are not touched.
+    #[inline]
+    pub(in crate::effects) fn add<N: Number>(&mut self, force: &Resistance<N>, factor: f64) {
+        let slope = (force.smooth.d_next() * factor).max(0.0);
+        self.a += self.dt * slope;
+        self.b += self.dt * (slope * self.next - force.smooth.value() * factor);
+        for (sum, bound) in self.dry.iter_mut().zip(&force.dry) {
+            if bound.value() > 0.0 {
+                *sum += self.dt * (bound.value() * factor);
+            }
+        }
+        for stop in force.stops.iter().flatten() {
+            self.stops.push(Hinge { k: self.k, side: stop.side, offset: self.dt * stop.offset, slope: self.dt * stop.slope });
+        }
     }
 }
 

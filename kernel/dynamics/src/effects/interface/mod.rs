@@ -8,7 +8,7 @@ mod partial;
 
 pub(super) use description::{ABOVE_ZERO, ANY, PLACE, SIZE, around, near, unit};
 pub use description::{Acts, Description, OfSecond, Parameter, Prior};
-pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Sample, Stop, Sway, Transfer, Variables};
+pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Row, Sample, Stop, Sway, Transfer, Variables};
 pub(super) use number::sign;
 pub use number::{Number, Slope, Variable};
 pub use partial::{MAX_PARAMETERS, MAX_STATES, Partial};
