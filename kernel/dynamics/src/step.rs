@@ -142,6 +142,11 @@ impl StepWorkspace {
         &self.load
     }
 
+    /// Did dry friction or a stop act on a degree of freedom in the last step? Without, its motion is smooth, whichever way it goes.
+    pub fn rubs(&self, k: usize) -> bool {
+        self.problem.dry[k] != [0.0; 2] || self.problem.hinges.iter().any(|h| h.k == k)
+    }
+
     /// What held each degree of freedom in the last step.
     pub fn held(&self) -> &[Held] {
         &self.problem.held

@@ -200,12 +200,19 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         confirmed.clear();
     }
     current = current.with_sines_wrapped();
+    let told = match chosen.is_empty() {
+        true => None,
+        false => {
+            say("following what the data hardly tell");
+            search.followed(&current, scale, &measure).ok()
+        }
+    };
     let mut remainder = search.nameless(&current, scale)?;
     let nameless = search.nameless(&refitted, scale)?;
     say("predicting over windows, beside other ways");
     let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
     let (predicted, mut others) = rayon::join(
-        || predict(&current),
+        || predict(told.as_ref().map_or(&current, |t| &t.fit)),
         || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
     );
     let (mut gap, mut predicted) = predicted?;
@@ -235,9 +242,13 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         (gap, predicted) = predict(&current)?;
     }
 
-    let variances = match chosen.is_empty() {
-        true => None,
-        false => search.anew(&current).variances(&search.problem, scale),
+    let variances = match (told.filter(|_| !chosen.is_empty()), chosen.is_empty()) {
+        (_, true) => None,
+        (Some(told), false) => {
+            current = told.fit;
+            told.variances
+        }
+        (None, false) => search.anew(&current).variances(&search.problem, scale),
     };
     let lacking: f64 = search.explained_force(&current, &refitted)?;
     let mut effects_found = Vec::new();

@@ -44,6 +44,8 @@ pub(crate) struct Problem<'a> {
     pub step: f64,
     /// Steps to first order are enough.
     pub rough: bool,
+    /// Errors change smoothly with what is fitted: see [`Plant::smooth`].
+    pub smooth: bool,
     /// How much efforts accelerate joints, if that is not to be asked of each plant.
     pub mobility: Option<Vec<f64>>,
 }
@@ -54,7 +56,7 @@ impl<'a> Problem<'a> {
         let period = trajectories.first().map_or(0.005, Trajectory::period);
         let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.strain.iter().skip(j).step_by(t.joints));
         let most = (0..middle.len()).map(|j| efforts(j).filter(|u| u.is_finite()).fold(1e-6, |a: f64, u| a.max(u.abs()))).collect();
-        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, rough: false, mobility: None }
+        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, rough: false, smooth: false, mobility: None }
     }
 
     /// The filter's gains for a plant.
@@ -86,7 +88,7 @@ impl<'a> Problem<'a> {
     /// Normalised prediction errors of a hypothesis at `x`, trajectory by trajectory.
     pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<DVector<f64>, GapError> {
         let mut plant = hypothesis.plant(x, &self.limits, self.step)?;
-        plant.rough = self.rough;
+        (plant.rough, plant.smooth) = (self.rough, self.smooth);
         let noise = self.noise(&plant);
         // A session's inner states go on from one trajectory to the next.
         let sessions = self.trajectories.chunk_by(|_, next| next.continues).collect::<Vec<_>>();
@@ -547,7 +549,7 @@ const LONGEST: f64 = 1.5;
 
 /// The damped step that brings the most inside the bounds: `min 1/2 s^T M s - r^T s` over a box, by an active set (Nocedal and Wright
 /// 2006, chapter 16.5). Numbers that would leave are put on their bound; those whose bound holds them back no longer are let go.
-fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping: f64, fitted: &[Fitted], x: &[f64]) -> DVector<f64> {
+pub(crate) fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping: f64, fitted: &[Fitted], x: &[f64]) -> DVector<f64> {
     let p = right.len();
     let mut matrix = matrix.clone();
     for i in 0..p {

@@ -48,6 +48,9 @@ mod starts_tests;
 mod tests;
 mod trajectory;
 mod unseen;
+mod valley;
+#[cfg(test)]
+mod valley_tests;
 mod view;
 mod weigh;
 mod windows;

@@ -67,6 +67,7 @@ impl Search<'_> {
             limits: problem.limits.clone(),
             step: problem.step,
             rough: problem.rough,
+            smooth: problem.smooth,
             mobility: problem.mobility.clone(),
         };
         Search {

@@ -23,10 +23,15 @@ pub(crate) struct Plant {
     /// The same without what happens to commands, where anything does: efforts act on joints behind it; and on a base that stands: how far one
     /// that swings has come after some rows says nothing about a row.
     behind_drives: Option<Box<Self>>,
+    /// How much an effort on a joint accelerates it where the model stands, 1/(kg m^2) or 1/kg.
+    accelerates: Vec<f64>,
     /// Longest step, s.
     pub step: f64,
     /// Steps to first order are enough.
     pub rough: bool,
+    /// Where steps have no order by which they are extrapolated they lose it by degrees, and not at once: errors change smoothly with what is
+    /// fitted, as intervals ask.
+    pub smooth: bool,
 }
 
 /// Share of the time of a drive's loop that a step may take, and the shortest step, s.
@@ -38,8 +43,11 @@ const ROWS: usize = 10;
 const SHOWN: f64 = 1.25;
 /// How many times more steps are tried where one fails.
 const FINER: f64 = 8.0;
-/// Share of a velocity's change by which two ways over an interval may differ and still be near each other.
+/// Share of a velocity's change, and of what each effort alone would change it by, by which two ways over an interval may differ and still be
+/// near each other, and from which on they have no order. Between the two, and near where a joint turns round under friction, there is some
+/// of it: a switch would make errors jump where a number moves by nothing, and derivatives would be those of the jumps.
 const ORDERLY: f64 = 0.2;
+const DISORDERLY: f64 = 0.6;
 
 /// What changes while a plant moves.
 #[derive(Debug)]
@@ -88,6 +96,28 @@ impl Motion {
         for ((q, v), old) in self.state.q.iter_mut().zip(&self.state.v).zip(&self.begin.v) {
             *q -= 0.5 * h * (v - old);
         }
+    }
+
+    /// Are the two ways over an interval near each other, and turns the joint round on neither?
+    fn is_orderly(&self, j: usize) -> bool {
+        let (old, rough, fine) = (self.begin.v[j], self.coarse.v[j], self.state.v[j]);
+        rough * fine > 0.0 && old * fine > 0.0 && (fine - rough).abs() <= ORDERLY * (fine - old).abs()
+    }
+
+    /// How far the two ways over an interval have an order by which they differ, from none to 1. `efforts` is by how much efforts alone would
+    /// change the velocity over it: in slow motion they hold one another.
+    fn order(&self, j: usize, efforts: f64) -> f64 {
+        let (old, rough, fine) = (self.begin.v[j], self.coarse.v[j], self.state.v[j]);
+        let change = (fine - old).abs();
+        let off = (fine - rough).abs() / (change + efforts);
+        // Two ways that agree have all of it.
+        let near = if off > ORDERLY { ((DISORDERLY - off) / (DISORDERLY - ORDERLY)).max(0.0) } else { 1.0 };
+        if !self.ws.rubs(j) {
+            return near;
+        }
+        let goes_on = fine.signum() == old.signum() && fine.signum() == rough.signum();
+        let slowest = if goes_on { fine.abs().min(rough.abs()).min(old.abs()) } else { 0.0 };
+        if slowest < change { near * slowest / change } else { near }
     }
 
     /// Keeps the mean accelerations over an interval.
@@ -158,20 +188,20 @@ impl Plant {
         let skew: f64 = model.document.effects.iter().filter_map(late).sum();
         let skew = (moving.len() == 1 && skew != 0.0).then_some(skew);
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this = Self { system, laws, misread, skew, behind_drives, step, rough: false };
+        let mut this = Self { system, laws, misread, skew, behind_drives, accelerates: Vec::new(), step, rough: false, smooth: false };
+        let (n, inverse) = (moving.len(), this.inverse_mass_at(&this.system.state().q));
+        this.accelerates = (0..n).map(|j| inverse[j * n + j]).collect();
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
         Ok(this)
     }
 
     /// Fastest rate of the loops that drives close over joints, 1/s. Their efforts are taken at the start of each step.
     fn rate(&self) -> f64 {
-        let n = self.laws.len();
-        let inverse = self.inverse_mass_at(&self.system.state().q);
-        let of = |j: usize| {
-            let (mobility, slopes) = (inverse[j * n + j], self.slopes(j, CommandKind::Position));
+        let of = |(j, mobility): (usize, &f64)| {
+            let slopes = self.slopes(j, CommandKind::Position);
             (-slopes.q * mobility).sqrt().max(-slopes.v * mobility)
         };
-        (0..n).map(of).fold(1e-9, f64::max)
+        self.accelerates.iter().enumerate().map(of).fold(1e-9, f64::max)
     }
 
     /// How the effort of the drive of joint `j` answers while nothing limits it.
@@ -258,7 +288,7 @@ impl Plant {
     /// From row `k` to the next.
     ///
     /// A step is right to first order. Two ways over the interval, one in steps half as long, tell what that order leaves over, so that
-    /// `2 x_fine - x_coarse` is right to the second (Richardson 1911). Where a joint sticks, turns or hits something in either of them there
+    /// `2 x_fine - x_coarse` is right to the second (Richardson 1911). Where a joint sticks, hits something, or turns round under friction there
     /// is no such order, and the finer one stands as it is.
     pub fn interval(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize) -> Result<(), GapError> {
         let n = trajectory.joints;
@@ -283,12 +313,13 @@ impl Plant {
         } else if coarse {
             motion.set_right(h);
             for j in 0..n {
-                let (old, rough, fine) = (motion.begin.v[j], motion.coarse.v[j], motion.state.v[j]);
-                let smooth = rough * fine > 0.0 && old * fine > 0.0 && (fine - rough).abs() <= ORDERLY * (fine - old).abs();
-                if smooth {
-                    motion.state.v[j] = 2.0 * fine - rough;
-                    motion.state.q[j] = 2.0 * motion.state.q[j] - motion.coarse.q[j];
-                }
+                let efforts = motion.tau[j].abs() + motion.ws.load()[j].abs();
+                let order = match self.smooth {
+                    true => motion.order(j, duration * self.accelerates[j] * efforts),
+                    false => f64::from(motion.is_orderly(j)),
+                };
+                motion.state.v[j] += order * (motion.state.v[j] - motion.coarse.v[j]);
+                motion.state.q[j] += order * (motion.state.q[j] - motion.coarse.q[j]);
             }
         }
         motion.accelerate(duration);
