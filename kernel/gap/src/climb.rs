@@ -14,6 +14,8 @@ use crate::weigh::{CONVINCING, FALL, MATERIAL};
 const MOST: usize = 4;
 /// Gain in evidence from which on a name that makes windows no better is looked at beside another.
 const SURE: f64 = 10.0 * CONVINCING;
+/// How many of the likeliest are asked whether they are there, one after the other.
+const TRIED: usize = 3;
 /// Other first names that are tried, and the share of the likeliest's gain in evidence that they need.
 const RIVALS: usize = 2;
 const NEARLY: f64 = 0.8;
@@ -127,36 +129,34 @@ impl<'a> Climb<'a> {
         search.prefer_simpler(model, &mut candidates, here, window)?;
         search.prefer_two(model, current, &mut candidates, scale, window)?;
         let Some(best) = candidates.first() else { return Ok(false) };
-        let gain = best.evidence - here;
         say(&format!("  most likely: {}", best_three(&candidates, here)));
-        let force = search.force_between(current, &best.fit)?;
         let nameless = search.nameless(current, scale)?;
-        say(&format!("  it makes {:.2} % of what accelerates the joint", 100.0 * force));
         // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
+        let gain = best.evidence - here;
         let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(current, scale);
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
-        let is_there = |fit: &Fit, force: f64| -> Result<bool, GapError> {
-            let gain = search.evidence(fit, scale) - here;
-            Ok(search.is_convincing(model, current, fit, gain, window) && search.is_material(model, current, fit, force, window)?)
-        };
-        // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
-        let settled = (gain > CONVINCING).then(|| search.settle(&best.fit, scale));
-        let there = match &settled {
-            Some(fit) => {
-                is_there(&best.fit, force)?
-                    || is_there(fit, search.force_between(current, fit)?)?
-                    || gain > SURE && force > MATERIAL && !search.many_joints() && self.shows_with_another(fit, ascent)?
+        // Where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs together, and
+        // what bends to that is refused for it.
+        let mut turn = vec![0];
+        turn.extend(likeliest.iter().take(TRIED).filter_map(|l| {
+            candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
+        }));
+        let mut found = None;
+        for i in turn {
+            found = self.is_there(&candidates[i], here, ascent)?.map(|(settled, small)| (i, settled, small));
+            if found.is_some() {
+                break;
             }
-            None => false,
-        };
-        let Some(settled) = settled.filter(|_| there) else {
+        }
+        let Some((first, settled, small)) = found else {
             self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             self.lost = beside(&candidates, here);
             return Ok(false);
         };
+        candidates[..=first].rotate_right(1);
+        let best = &candidates[0];
         // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
         // alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without it is one.
-        let small = !self.chosen.is_empty() && force < MATERIAL && search.force_between(current, &settled)? < MATERIAL;
         if small && !self.brings_near(&settled, ascent) {
             if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
@@ -179,6 +179,30 @@ impl<'a> Climb<'a> {
         self.current = settled;
         self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
         Ok(true)
+    }
+
+    /// A candidate fitted to its own end, if it is there, and whether its force is too small for a second name.
+    fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>) -> Result<Option<(Fit, bool)>, GapError> {
+        let Ascent { model, window, say, .. } = *ascent;
+        let (search, scale, current) = (&self.search, self.scale, &self.current);
+        let gain = candidate.evidence - here;
+        let force = search.force_between(current, &candidate.fit)?;
+        say(&format!("  {} makes {:.2} % of what accelerates the joint", candidate.effect, 100.0 * force));
+        if gain <= CONVINCING {
+            return Ok(None);
+        }
+        let shows = |fit: &Fit, force: f64| -> Result<bool, GapError> {
+            let gain = search.evidence(fit, scale) - here;
+            Ok(search.is_convincing(model, current, fit, gain, window) && search.is_material(model, current, fit, force, window)?)
+        };
+        // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
+        let settled = search.settle(&candidate.fit, scale);
+        let together = search.force_between(current, &settled)?;
+        let there = shows(&candidate.fit, force)?
+            || shows(&settled, together)?
+            || gain > SURE && force > MATERIAL && !search.many_joints() && self.shows_with_another(&settled, ascent)?;
+        let small = !self.chosen.is_empty() && force < MATERIAL && together < MATERIAL;
+        Ok(there.then_some((settled, small)))
     }
 
     /// Are windows far off, and much less so by a fit?

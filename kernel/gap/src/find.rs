@@ -9,7 +9,6 @@ use sagci_recording::Log;
 
 use crate::GapError;
 use crate::baselines::baselines;
-use crate::choice::Choice;
 use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
@@ -71,8 +70,6 @@ const GOOD_PART: f64 = 0.1;
 const NEARLY: f64 = 0.9;
 /// Share of the gap that names may leave where much more is left than noise makes.
 const MOST_OF_IT: f64 = 0.5;
-/// Squares of the errors without a name over those with it, from which on other names in its place need derivatives of their own.
-const FAR_OFF: f64 = 2.0;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -104,62 +101,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let given = base.clone();
     let places = map::places(&search, &base, search.scale(&base).min(2.0))?;
 
-    let climb = Climb::new(search, base).finish(&Ascent { model, window: options.window, seed: options.seed, say: &say })?;
+    let ascent = Ascent { model, window: options.window, seed: options.seed, say: &say };
+    let mut climb = Climb::new(search, base).finish(&ascent)?;
+    climb.look_again(&ascent)?;
     let Climb { mut search, base, mut current, mut scale, mut chosen, lost, nameless_won, .. } = climb;
-
-    // A second look at each, now that the others are there.
-    if chosen.len() > 1 {
-        say("looking again at each effect beside the others");
-        let mut at = 0;
-        while at < chosen.len() && chosen.len() > 1 {
-            let all = entries(&current.hypothesis);
-            let alone = current.without(&search.problem, all[at]).and_then(|f| search.fit_on(f, scale));
-            // What cannot be simulated without it needs it.
-            let Ok(less) = alone else {
-                at += 1;
-                continue;
-            };
-            let (with, without) = (search.evidence(&current, scale), search.evidence(&less, scale));
-            if !search.is_convincing(model, &less, &current, with - without, options.window)
-                && !search.is_needed(model, &less, &current, options.window)
-            {
-                say(&format!("  {} says no more than the others do ({:+.1})", chosen[at].best.effect, with - without));
-                current = less;
-                chosen.remove(at);
-                at = 0;
-                continue;
-            }
-            let mut candidates = search.stage(&less, scale)?;
-            if less.squares > FAR_OFF * current.squares {
-                search.settle_rivals(&mut candidates, chosen[at].best.effect, without, scale);
-            }
-            search.rank(&mut candidates, scale);
-            search.prefer_simpler(model, &mut candidates, without, options.window)?;
-            let name = chosen[at].best.effect;
-            // What is settled gives way by the same rules by which it was chosen.
-            if candidates.first().is_some_and(|c| c.effect != name) {
-                search.prefer_two(model, &less, &mut candidates, scale, options.window)?;
-            }
-            let Some(best) = candidates.first() else { break };
-            if best.effect != name && search.takes_the_place(model, &best.fit, &current, best.evidence - with, options.window) {
-                say(&format!("  {} says more than {name} beside the others ({:+.1})", best.effect, best.evidence - with));
-                current = search.settle(&best.fit, scale);
-                let explained = search.explained(&less, &current);
-                let choice = Choice::new(&search, &candidates, without, chosen[at].nameless, explained, scale);
-                chosen.remove(at);
-                chosen.push(choice);
-                at = 0;
-                continue;
-            }
-            chosen[at].around(&search, &candidates, [with, without], scale);
-            chosen[at].explained = search.explained(&less, &current);
-            at += 1;
-        }
-        // The order of entries is that of the numbers in the hypothesis.
-        let order = entries(&current.hypothesis);
-        let names: Vec<String> = order.iter().map(|e| current.hypothesis.model.document.effects[*e].effect.clone()).collect();
-        chosen.sort_by_key(|c| names.iter().position(|n| n == c.best.effect).unwrap_or(usize::MAX));
-    }
 
     say("fitting to the end");
     let settled = search.problem.clone();

@@ -8,6 +8,7 @@ use crate::GapError;
 use crate::find::Options;
 use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
+use crate::memory::Memory;
 use crate::noise;
 use crate::observer::Noise;
 use crate::plant::Plant;
@@ -41,13 +42,17 @@ pub(crate) struct Measure<'a> {
     ranges: Vec<f64>,
     window: f64,
     limits: &'a [bool],
+    /// What is known already, where the data are those of a search.
+    memory: Memory,
 }
 
 impl<'a> Measure<'a> {
     pub fn new(search: &'a Search<'_>, model: &ObjectModel, train: &'a [Trajectory], unseen: &'a [Trajectory], window: f64) -> Self {
         let data = if unseen.is_empty() { train } else { unseen };
         let noise = noise::of_motion(data, search.names.len(), FLOOR);
-        Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits }
+        let of_search = std::ptr::eq(data, search.problem.trajectories);
+        let memory = if of_search { search.memory.clone() } else { Memory::default() };
+        Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits, memory }
     }
 
     /// Is a hypothesis much farther off than noise makes one that is right? A hypothesis that cannot be simulated is.
@@ -66,10 +71,13 @@ impl<'a> Measure<'a> {
 
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
-        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
-        let fine = made(FINE)?;
-        let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
-        Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
+        let predict = || {
+            let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
+            let fine = made(FINE)?;
+            let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
+            Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
+        };
+        if residual.is_some() { predict() } else { self.memory.or_else(hypothesis, self.window, predict) }
     }
 }
 

@@ -19,6 +19,7 @@ mod hypothesis;
 mod inertial;
 mod jitter;
 mod map;
+mod memory;
 mod noise;
 #[cfg(test)]
 mod noisy_tests;
@@ -40,6 +41,7 @@ mod rest_tests;
 mod round_trip;
 mod screen;
 mod search;
+mod second_look;
 mod span;
 mod starts;
 #[cfg(test)]

@@ -80,8 +80,8 @@ pub(crate) struct Screened {
 }
 
 impl Search<'_> {
-    /// Where fits in the simulator begin, by effects, the most likely first.
-    pub fn screen(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Screened>, GapError> {
+    /// Where fits in the simulator begin, by effects of so many numbers at the most, the most likely first.
+    pub fn screen(&self, base: &Fit, views: &[JointView], scale: f64, most: usize) -> Result<Vec<Screened>, GapError> {
         let runs = self.runs(base)?;
         let responses: Vec<Response> = (0..self.names.len()).map(|j| Response::new(self, base, &runs, j)).collect();
         let span = Span::new(base, scale);
@@ -109,6 +109,7 @@ impl Search<'_> {
             worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, plain }, change.map(|c| (t.values, c))))
         };
         let mut tries = self.tries(base, views);
+        tries.retain(|t| t.hypothesis.x.len() - base.hypothesis.x.len() <= most);
         tries.extend(tries.iter().filter_map(|t| t.asked_in_a_run(responses.get(t.joint?)?)).collect::<Vec<_>>());
         if self.many_joints() {
             tries = self.promising(base, tries, &responses, &span);

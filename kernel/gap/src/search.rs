@@ -9,6 +9,7 @@ use sagci_model::ObjectModel;
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
+use crate::memory::Memory;
 use crate::noise;
 use crate::observer::{self, Disturbance, Errors, Run};
 use crate::plant::Plant;
@@ -40,6 +41,8 @@ pub(crate) struct Search<'a> {
     pub jitter: Vec<f64>,
     /// How much efforts accelerate joints of the model as given, by columns.
     pub mobility: Vec<f64>,
+    /// What was predicted over windows of these data.
+    pub memory: Memory,
 }
 
 /// Share of the motion's accelerations that no model has.
@@ -97,7 +100,7 @@ impl<'a> Search<'a> {
             })
             .collect();
         let problem = Problem::new(trajectories, disturbance, &limits, STEP);
-        Ok(Self { mobility: problem.mobility(&given), problem, seen, names, joints, inertias, jitter })
+        Ok(Self { mobility: problem.mobility(&given), problem, seen, names, joints, inertias, jitter, memory: Memory::default() })
     }
 
     /// The model as given, its known numbers refitted.
@@ -159,10 +162,15 @@ impl<'a> Search<'a> {
 
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.
     pub fn stage(&self, base: &Fit, scale: f64) -> Result<Vec<Candidate>, GapError> {
-        let views = self.views(base)?;
+        self.stage_within(base, scale, usize::MAX)
+    }
+
+    /// The same of effects with so many numbers at the most.
+    pub fn stage_within(&self, base: &Fit, scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
+        let views = self.views(base, scale)?;
         let mut all = match self.part() {
             None => {
-                let (first, rest) = self.divided(base, self.begun(base, &views, scale)?, scale);
+                let (first, rest) = self.divided(base, self.begun(base, &views, scale, most)?, scale);
                 let mut all = self.finished(base, first, scale);
                 all.extend(rest);
                 all
@@ -170,7 +178,7 @@ impl<'a> Search<'a> {
             Some(part) => {
                 let light = self.over(&part.trajectories);
                 let base_there = part.of(&light, base)?;
-                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, scale)?, scale);
+                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, scale, most)?, scale);
                 let mut all = light.finished(&base_there, first, scale);
                 light.rank(&mut all, scale);
                 // All of the data say as much more as they are more.
@@ -188,7 +196,7 @@ impl<'a> Search<'a> {
     }
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
-    fn begun(&self, base: &Fit, views: &[JointView], scale: f64) -> Result<Vec<Candidate>, GapError> {
+    fn begun(&self, base: &Fit, views: &[JointView], scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
         let known = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
         let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
@@ -205,7 +213,7 @@ impl<'a> Search<'a> {
             candidates.retain(|c| seen.insert((c.effect, c.joint)));
         };
         let mut begins: Vec<(&str, Option<usize>, Hypothesis)> = Vec::new();
-        for Screened { effect, joint, hypothesis, .. } in self.screen(base, views, scale)? {
+        for Screened { effect, joint, hypothesis, .. } in self.screen(base, views, scale, most)? {
             // Losses of an arm's other joints are what their own data say.
             let own = joint.filter(|_| self.many_joints()).map(|j| self.joints[j]);
             begins.extend(hypothesis.as_given(LED_ASTRAY, own).map(|given| (effect, joint, given)));

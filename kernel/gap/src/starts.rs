@@ -34,6 +34,8 @@ pub(crate) struct JointView {
     pub p_LoLcm: [f64; 3],
     /// The joint's axis in the link's frame.
     pub axis: [f64; 3],
+    /// Gravity in the link's frame where all joints are at zero, m/s^2.
+    pub gravity: [f64; 3],
 }
 
 impl JointView {
@@ -180,8 +182,8 @@ fn across(axis: [f64; 3]) -> [nalgebra::Vector3<f64>; 2] {
     [first, a.cross(&first)]
 }
 
-/// Where the fit of a neighbour begins, by its own equations, once an effect is fitted: both loops of friction have a width, which a
-/// neighbour's own starts may miss.
+/// Where the fit of a neighbour begins, by its own equations, once an effect is fitted: both loops of friction have a width, and what pulls
+/// a joint round as its own weight does a size, which a neighbour's own starts may miss.
 pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Option<(&'static str, Vec<f64>)> {
     let JointView { speed, range: [low, high], .. } = *view;
     match (effect, values) {
@@ -192,6 +194,17 @@ pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Optio
         ("presliding_hysteresis", &[stiffness, damping, friction, ..]) => {
             let small = 0.1 * friction / view.way().max(1e-6);
             Some(("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]))
+        }
+        // A point of mass m at p from an axis a, in gravity g, pulls by -m (p . u cos q + p . (u x a) sin q), u = g x a.
+        ("hinge_tilt", &[amplitude, phase]) if view.turns => {
+            let a = nalgebra::Vector3::from(view.axis);
+            let u = nalgebra::Vector3::from(view.gravity).cross(&a);
+            let side = u.try_normalize(0.1)?;
+            let way = -(side * phase.sin() + side.cross(&a) * phase.cos()) * amplitude.signum();
+            let center = nalgebra::Vector3::from(view.p_LoLcm);
+            let reach = (center - a * a.dot(&center)).norm().max(0.05);
+            let p = reach * way;
+            Some(("payload", vec![amplitude.abs() / (u.norm() * reach), p.x, p.y, p.z]))
         }
         _ => None,
     }

@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 use sagci_recording::{JointLog, Log, Series};
 
 use crate::hypothesis::Hypothesis;
+use crate::plant::Plant;
 use crate::search::Search;
-use crate::starts::{JointView, starts, sum};
-use crate::tests::{door, swing, with};
+use crate::starts::{JointView, neighbour, starts, sum};
+use crate::tests::{door, led, swing, with};
 use crate::trajectory::{Trajectory, going_on};
 
 /// The peaks of efforts that pushes make are a hundred times what acts most of the time.
@@ -28,6 +29,7 @@ fn view() -> JointView {
         mass: 0.3,
         p_LoLcm: [0.15, 0.0, 0.0],
         axis: [0.0, -1.0, 0.0],
+        gravity: [0.0, 0.0, -9.81],
     }
 }
 
@@ -49,6 +51,40 @@ fn a_payload_beside_the_links_center_is_begun_near() {
         let added = Vector3::new(view.p_LoLcm[0] + 0.2 * c, 0.0, view.p_LoLcm[2] + 0.2 * s);
         let near = centers.iter().map(|p| p.angle(&added)).fold(f64::INFINITY, f64::min);
         assert!(near < 50.0_f64.to_radians(), "{added} is far from all of {centers:?}");
+    }
+}
+
+/// Gravity pulls a payload as a tilt does: that is where its fit begins once a tilt's has ended.
+#[test]
+fn a_payload_begins_where_it_pulls_as_the_tilt_that_imitates_it() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/dfki_pendulum");
+    let model = sagci_model::ObjectModel::read(folder).unwrap();
+    let view = JointView { axis: [0.0, 1.0, 0.0], ..view() };
+    for (amplitude, phase) in [(0.3, 0.4), (0.2, 2.5), (-0.25, -1.2)] {
+        let (name, values) = neighbour("hinge_tilt", &[amplitude, phase], &view).unwrap();
+        assert_eq!(name, "payload");
+        let parts = ["mass", "x", "y", "z"].into_iter().zip(values);
+        let payload: Vec<(&str, f64)> = parts.collect();
+        let tilt = [("amplitude", amplitude), ("phase", phase)];
+        let pull = |effect: &str, parameters: &[(&str, f64)], q: f64| {
+            let mut truth = with(&model, effect, parameters);
+            truth.document.effects[0].joint = Some("pivot".into());
+            let accelerated = |model: &sagci_model::ObjectModel| {
+                let plant = Plant::new(model, &[false], 1e-4).unwrap();
+                let mut motion = plant.motion();
+                motion.state.q[0] = q;
+                plant.interval(&mut motion, &Trajectory::steady(2, 1e-4, &[0.0], vec![crate::trajectory::Drive::Effort]), 0).unwrap();
+                motion.state.v[0] / 1e-4
+            };
+            // What it weighs, by how much it is accelerated: a payload adds its inertia.
+            let inertia = if effect == "payload" { payload[0].1 * (payload[1].1.powi(2) + payload[3].1.powi(2)) } else { 0.0 };
+            let own = 0.1495;
+            (own + inertia) * accelerated(&truth) - own * accelerated(&model)
+        };
+        for q in [-2.0, -0.5, 0.3, 1.4] {
+            let (a, b) = (pull("payload", &payload, q), pull("hinge_tilt", &tilt, q));
+            assert!((a - b).abs() < 0.01, "{a} and {b} N m at {q} for {amplitude}, {phase}");
+        }
     }
 }
 
@@ -140,4 +176,18 @@ fn small_turns_of_an_axis_add_as_vectors() {
     assert!((rotation - Vector3::new(0.3, 0.0, -0.4) * turned).norm() < 1e-12, "{all:?}");
     assert!((Vector3::new(all[4], all[5], all[6]) - Vector3::new(2.0, 0.0, -1.0) * moved).norm() < 1e-12, "{all:?}");
     assert_eq!(sum("payload", &parts), None);
+}
+
+/// The force that the filter shows lags behind a joint that passes several periods while the filter takes it in.
+#[test]
+fn a_ripple_that_is_passed_faster_than_the_filter_follows_is_begun_at_its_cycles() {
+    for cycles in [45.0, 80.0] {
+        let truth = with(&door(), "torque_ripple", &[("amplitude", 0.05), ("cycles_per_turn", cycles), ("phase", 0.7)]);
+        let trajectories = [Trajectory::new(&led(&truth, 2e-4, 1, 1.0), &door()).unwrap()];
+        let search = Search::new(&door(), &trajectories).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let view = search.views(&base, search.scale(&base)).unwrap().swap_remove(0);
+        let half_a_period = 0.5 * std::f64::consts::TAU / (view.range[1] - view.range[0]);
+        assert!(view.cycles.iter().any(|c| (c - cycles).abs() < half_a_period), "{cycles} is none of {:?}", view.cycles);
+    }
 }

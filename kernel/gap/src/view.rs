@@ -1,14 +1,18 @@
 //! What the data of each joint look like to a fitted model: sizes of the forces that it lacks, where they stand out, how they repeat.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
-use nalgebra::DVector;
-use sagci_dynamics::GRAVITY;
+use nalgebra::{DVector, Vector3};
+use rayon::prelude::*;
+use sagci_dynamics::{GRAVITY, effects};
+use sagci_model::ObjectModel;
 
 use crate::GapError;
 use crate::fit::Fit;
 use crate::observer::Run;
+use crate::response::Response;
 use crate::search::Search;
+use crate::span::Span;
 use crate::starts::JointView;
 use crate::trajectory::Trajectory;
 
@@ -53,8 +57,39 @@ fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
 }
 
-/// Cycles a turn at which the lacking force repeats over position.
-fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
+/// Fewest and most periods over the range that a ripple has, and the step between those that are looked at: a fit finds its way over half a period.
+const PERIODS: [f64; 2] = [2.0, 82.0];
+const BETWEEN: f64 = 0.25;
+/// How many ripples are begun with.
+const RIPPLES: usize = 3;
+
+/// Cycles a turn at which the most of the errors is explained by a force that repeats over position: a periodogram in the response of the filter
+/// (Lomb 1976), since the force that it shows lags behind the joint and is smoothed over many periods where the joint is fast.
+fn cycles(response: &Response, span: &Span, [low, high]: [f64; 2]) -> Vec<f64> {
+    let range = high - low;
+    let Ok(ripple) = effects::find("torque_ripple") else { return Vec::new() };
+    if range.is_nan() || range <= 0.0 {
+        return Vec::new();
+    }
+    let explained = |cycles: f64| {
+        let of = |phase: f64| span.of(response.errors_of(&response.forces(ripple, &[1.0, cycles, phase])));
+        let (sine, cosine) = (of(0.0), of(FRAC_PI_2));
+        let (a, b, c) = (sine.norm_squared(), sine.dot(&cosine), cosine.norm_squared());
+        let (x, y) = (sine.dot(&span.errors), cosine.dot(&span.errors));
+        let determinant = a * c - b * b;
+        if determinant > 1e-6 * a * c { (c * x * x - 2.0 * b * x * y + a * y * y) / determinant } else { 0.0 }
+    };
+    let steps = ((PERIODS[1] - PERIODS[0]) / BETWEEN) as usize;
+    let grid: Vec<(f64, f64)> = (0..=steps)
+        .into_par_iter()
+        .map(|i| (PERIODS[0] + BETWEEN * i as f64) * TAU / range)
+        .map(|cycles| (explained(cycles), cycles))
+        .collect();
+    peaks(&grid)
+}
+
+/// The same by means over positions, where a response for each would be much of the work.
+fn cycles_roughly(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     let range = high - low;
     if rows.is_empty() || range.is_nan() || range <= 0.0 {
         return Vec::new();
@@ -77,17 +112,35 @@ fn cycles(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
         }
         a * a + b * b
     };
-    let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p)).collect();
+    let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p * TAU / range)).collect();
+    peaks(&grid)
+}
+
+/// Gravity in a link's frame where all joints are at zero.
+fn gravity(model: &ObjectModel, link: usize) -> Vector3<f64> {
+    let above = model.joints.iter().find(|j| j.child == link);
+    above.map_or(GRAVITY, |j| j.X_PJ.rotation.inverse() * gravity(model, j.parent))
+}
+
+/// Where the highest peaks are, among heights by place.
+fn peaks(grid: &[(f64, f64)]) -> Vec<f64> {
     let mut peaks: Vec<(f64, f64)> = grid.windows(3).filter(|w| w[1].0 >= w[0].0 && w[1].0 > w[2].0).map(|w| w[1]).collect();
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.iter().take(3).map(|(_, p)| p * TAU / range).collect()
+    peaks.iter().take(RIPPLES).map(|(_, at)| *at).collect()
 }
 
 impl Search<'_> {
     /// What the data look like to a fitted model, by joint.
-    pub fn views(&self, base: &Fit) -> Result<Vec<JointView>, GapError> {
+    pub fn views(&self, base: &Fit, scale: f64) -> Result<Vec<JointView>, GapError> {
         let runs = self.runs(base)?;
-        Ok((0..self.names.len()).map(|j| self.view(base, &runs, j)).collect())
+        let mut views: Vec<JointView> = (0..self.names.len()).map(|j| self.view(base, &runs, j)).collect();
+        if !self.many_joints() {
+            let span = Span::new(base, scale);
+            for (j, view) in views.iter_mut().enumerate() {
+                view.cycles = cycles(&Response::new(self, base, &runs, j), &span, view.range);
+            }
+        }
+        Ok(views)
     }
 
     /// Forces that the model lacks at a joint, one for each row, with position and velocity: the change of velocity that the filter
@@ -133,13 +186,14 @@ impl Search<'_> {
             inertia: self.inertias[j],
             efforts,
             places: places(&rows, low, high),
-            cycles: cycles(&rows, low, high),
+            cycles: cycles_roughly(&rows, low, high),
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
             period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
             hangs: load > FELT * GRAVITY.norm() * link.mass * p.coords.norm(),
             mass: link.mass,
             p_LoLcm: [p.x, p.y, p.z],
             axis: [joint.axis.x, joint.axis.y, joint.axis.z],
+            gravity: gravity(model, joint.child).into(),
         }
     }
 }
