@@ -163,18 +163,18 @@ fn middle(of: &[f64]) -> f64 {
 }
 
 /// A part's panel: its directions (out of it, level, rising) and its rectangle.
-struct Panel {
-    shape: Shape,
-    axes: [Vector3<f64>; 3],
+pub(crate) struct Panel {
+    pub(crate) shape: Shape,
+    pub(crate) axes: [Vector3<f64>; 3],
     at: f64,
-    level: (f64, f64),
-    rise: (f64, f64),
+    pub(crate) level: (f64, f64),
+    pub(crate) rise: (f64, f64),
     /// From and to of all its points across the panel.
-    deep: (f64, f64),
+    pub(crate) deep: (f64, f64),
 }
 
 impl Panel {
-    fn of(posed: &Posed<'_>, pieces: &[usize]) -> Self {
+    pub(crate) fn of(posed: &Posed<'_>, pieces: &[usize]) -> Self {
         let shape = shape(posed, pieces);
         let n = shape.outward(posed);
         let level = if n.z.abs() > 0.9 { Vector3::y() } else { n.cross(&Vector3::z()).normalize() };
@@ -189,7 +189,7 @@ impl Panel {
     }
 
     /// Off the panel, along it, up it.
-    fn coordinates(&self, p: &Point3<f64>) -> [f64; 3] {
+    pub(crate) fn coordinates(&self, p: &Point3<f64>) -> [f64; 3] {
         let [n, level, rise] = &self.axes;
         [p.coords.dot(n) - self.at, p.coords.dot(level), p.coords.dot(rise)]
     }

@@ -9,6 +9,7 @@ use crate::candidate::{Candidate, FARTHEST};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
+use crate::mask::{self, Known, chosen, rectangles};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
 
@@ -86,11 +87,8 @@ pub(crate) struct Decision {
     pub(crate) front: Vector3<f64>,
 }
 
-/// What is taken for the body with less than this probability moves. Above one half, since a part that is missed is lost, and one in vain
-/// is found out at the first touch; measured on families that were trained on.
-const STILL: f32 = 0.6;
-/// A group that is the body with more than this probability on the whole is no part.
-const STILL_GROUP: f64 = 0.5;
+/// Pieces that are the body with less than this probability may be a part's, or be one: which groups are, is asked of each as a whole.
+const STILL: f32 = 0.85;
 /// How far a motion may be believed that does not go with what the part seems to be.
 const DOUBT: f64 = 0.1;
 
@@ -178,8 +176,11 @@ struct First<'a> {
     walled: f64,
     doubt: f64,
     odds: Odds,
-    /// Parts, each by its superpoints.
+    /// Groups of superpoints of which each may be a part.
+    nodes: Vec<Vec<usize>>,
+    /// Parts, each by its superpoints, and the overlap with a true part that it promises.
     groups: Vec<Vec<usize>>,
+    promises: Vec<f64>,
 }
 
 /// Points of each superpoint.
@@ -188,8 +189,8 @@ fn sizes(analysis: &Analysis) -> Vec<f64> {
 }
 
 impl<'a> First<'a> {
-    /// Asks the network about all sides at all yaws, and about the front in full.
-    fn of(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+    /// Asks the network about all sides at all yaws, and about the front in full: all but which groups are parts.
+    fn asked(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
         let mut best: Option<(f32, usize, Seen<'_>)> = None;
         for (index, analysis) in analyses.iter().enumerate() {
             let n = analysis.superpoints.len();
@@ -220,10 +221,43 @@ impl<'a> First<'a> {
         let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
         let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
         let points = sizes(analysis);
-        let odds = Odds::asked(moving, n, |pairs| seen.same_part(&mut network, n, pairs))?;
-        let enough = |g: &[usize]| enough(g.iter().map(|i| analysis.superpoints[*i].points.len()).sum(), analysis.points.len());
-        let groups = odds.groups(&points).into_iter().filter(|g| enough(g) && shares(&classes, g, &points)[0] < STILL_GROUP).collect();
-        Ok(Self { index, seen, classes, walled, doubt, odds, groups })
+        let odds = Odds::asked(n, |pairs| seen.same_part(&mut network, n, pairs))?;
+        let mut nodes = odds.tree(&moving, &points);
+        if walled >= WALLED {
+            let still: Vec<f64> = (0..n).map(|i| f64::from(classes[(i, 0)])).collect();
+            nodes.iter_mut().for_each(|g| g.sort_unstable());
+            for group in rectangles(&seen.side.posed, &still) {
+                if !nodes.contains(&group) {
+                    nodes.push(group);
+                }
+            }
+        }
+        let size = |g: &Vec<usize>| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum();
+        nodes.retain(|g| enough(size(g), analysis.points.len()));
+        Ok(Self { index, seen, classes, walled, doubt, odds, nodes, groups: Vec::new(), promises: Vec::new() })
+    }
+
+    /// With the groups that are parts.
+    fn of(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+        let mut first = Self::asked(analyses, plain)?;
+        let analysis = &analyses[first.index];
+        if first.nodes.is_empty() {
+            return Ok(first);
+        }
+        let odds = Network::new(plain).masks(first.rows(analysis))?;
+        let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
+        let promises: Vec<[f64; 2]> = (0..first.nodes.len()).map(|k| [0, 1].map(|c| likely(odds[(k, c)]))).collect();
+        for k in chosen(&first.nodes, &promises) {
+            first.groups.push(first.nodes[k].clone());
+            first.promises.push(0.3 * promises[k][0] + 0.7 * promises[k][1]);
+        }
+        Ok(first)
+    }
+
+    /// What is asked about groups.
+    fn rows(&self, analysis: &Analysis) -> Matrix {
+        let known = Known { odds: &self.odds, classes: &self.classes, points: &sizes(analysis) };
+        mask::rows(&self.seen.side.posed, &self.nodes, &known)
     }
 
     /// What is thought of the parts.
@@ -311,6 +345,29 @@ impl Borders {
     }
 }
 
+/// Groups of superpoints that may be parts, and what is asked about them, for training.
+pub struct Groups {
+    /// One row of features a group.
+    pub rows: Matrix,
+    /// The superpoints of each.
+    pub of: Vec<Vec<usize>>,
+    /// Of each input point its superpoint.
+    pub piece_of_input: Vec<Option<u32>>,
+}
+
+impl Groups {
+    /// Of a cloud.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let first = First::asked(&analyses, &mut Plain { weights: &weights.matrices })?;
+        let analysis = &analyses[first.index];
+        let of = first.nodes.clone();
+        Ok(Self { rows: first.rows(analysis), of, piece_of_input: analysis.piece_of_input() })
+    }
+}
+
 /// What was decided of a cloud.
 pub(crate) struct Decided {
     /// The analysis that it went on from, its superpoints split where parts end.
@@ -343,7 +400,7 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     if !groups.is_empty() {
         let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
         for (g, own) in groups.iter().enumerate() {
-            let confidence = first.odds.overlap(own, &of_body, &points);
+            let confidence = first.promises[kept[g]];
             let share = shares(&first.classes, own, &points);
             let part = moving_part(&side, share, &pieces[g], &candidates[g], &out, g * CANDIDATES);
             parts.push(Moving { confidence, ..part });

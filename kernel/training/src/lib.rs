@@ -11,6 +11,7 @@ mod border;
 mod initial;
 mod lesson;
 mod loss;
+mod mask;
 mod tape;
 
 use std::collections::BTreeMap;
@@ -24,6 +25,7 @@ use serde::Serialize;
 pub use border::train_border;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
+pub use mask::train_masks;
 
 /// What a training run is made by.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
