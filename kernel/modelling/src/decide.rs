@@ -9,9 +9,11 @@ use crate::candidate::{Candidate, FARTHEST};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
+use crate::hinge;
 use crate::mask::{self, Known, chosen, rectangles};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
-use crate::side::Side;
+use crate::side::{Options, Side};
+use crate::trust::{self, Expected, Trusted, expected};
 
 /// Classes in the order of the network's outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +62,7 @@ pub(crate) struct Motion {
 #[derive(Debug, Clone)]
 pub(crate) struct Moving {
     pub(crate) class: PartClass,
-    /// The intersection over union that it may expect with a true part.
+    /// How likely its points overlap a true part's by three quarters.
     pub(crate) confidence: f64,
     /// Its superpoints.
     pub(crate) pieces: Vec<usize>,
@@ -178,9 +180,9 @@ struct First<'a> {
     odds: Odds,
     /// Groups of superpoints of which each may be a part.
     nodes: Vec<Vec<usize>>,
-    /// Parts, each by its superpoints, and the overlap with a true part that it promises.
+    /// Parts, each by its superpoints, and how likely it overlaps a true part by half and by three quarters.
     groups: Vec<Vec<usize>>,
-    promises: Vec<f64>,
+    promises: Vec<[f64; 2]>,
 }
 
 /// Points of each superpoint.
@@ -249,7 +251,7 @@ impl<'a> First<'a> {
         let promises: Vec<[f64; 2]> = (0..first.nodes.len()).map(|k| [0, 1].map(|c| likely(odds[(k, c)]))).collect();
         for k in chosen(&first.nodes, &promises) {
             first.groups.push(first.nodes[k].clone());
-            first.promises.push(0.3 * promises[k][0] + 0.7 * promises[k][1]);
+            first.promises.push(promises[k]);
         }
         Ok(first)
     }
@@ -284,13 +286,16 @@ impl<'a> First<'a> {
     }
 
     /// The part of each point, after points near parts were asked about.
-    fn label(&self, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<Vec<Option<u32>>, ModellingError> {
+    fn label(&self, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<(Vec<Option<u32>>, Expected), ModellingError> {
         let (before, asked) = self.ask(analysis);
         if asked.of.is_empty() {
-            return Ok(before);
+            let expected = expected(&before, &before, &asked, &[], self.groups.len());
+            return Ok((before, expected));
         }
         let odds = Network::new(plain).border(asked.rows.clone())?;
-        Ok(relabelled(&before, &asked, odds.as_slice()))
+        let after = relabelled(&before, &asked, odds.as_slice());
+        let expected = expected(&before, &after, &asked, odds.as_slice(), self.groups.len());
+        Ok((after, expected))
     }
 }
 
@@ -368,6 +373,110 @@ impl Groups {
     }
 }
 
+/// Parts whose points are known.
+struct Ended {
+    /// The analysis, its superpoints split where parts end.
+    fine: Analysis,
+    /// Of each part that is left its superpoints before they were split, and after, and its classes.
+    groups: Vec<Vec<usize>>,
+    pieces: Vec<Vec<usize>>,
+    share: Vec<[f64; CLASSES]>,
+    /// Of each point its part, 0 the body.
+    label: Vec<Option<u32>>,
+    /// What is asked about the body and the parts, how far they are to be trusted.
+    trust: Matrix,
+}
+
+impl Ended {
+    fn of(first: &First<'_>, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+        let (mut label, expected) = first.label(analysis, plain)?;
+        let mut counts = vec![0; first.groups.len() + 1];
+        label.iter().flatten().for_each(|l| counts[*l as usize] += 1);
+        // A part that is left with next to nothing is none. The larger ones first: names count from there.
+        let mut kept: Vec<usize> = (0..first.groups.len()).filter(|g| enough(counts[g + 1], analysis.points.len())).collect();
+        kept.sort_by_key(|g| std::cmp::Reverse(counts[g + 1]));
+        let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
+        label.iter_mut().flatten().for_each(|l| *l = number(*l));
+        let groups: Vec<Vec<usize>> = kept.iter().map(|g| first.groups[*g].clone()).collect();
+        let (fine, pieces) = split(analysis, &label, groups.len());
+        let points = sizes(analysis);
+        let share: Vec<[f64; CLASSES]> = groups.iter().map(|own| shares(&first.classes, own, &points)).collect();
+        let trust = trusted(first, analysis, &kept, &label, &expected);
+        Ok(Self { fine, groups, pieces, share, label, trust })
+    }
+}
+
+/// What is known of the body and of the parts that are left.
+fn trusted(first: &First<'_>, analysis: &Analysis, kept: &[usize], label: &[Option<u32>], expected: &Expected) -> Matrix {
+    let points = sizes(analysis);
+    let still = first.still();
+    let taken = |i: &usize| kept.iter().any(|g| first.groups[*g].contains(i));
+    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| !taken(i));
+    let right: f64 = own.iter().map(|i| points[*i] * still[*i]).sum();
+    let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * still[*i]).sum::<f64>();
+    let count = |l: u32| label.iter().filter(|x| **x == Some(l)).count();
+    let mut told = vec![Trusted {
+        number: 0,
+        points: count(0),
+        classes: shares(&first.classes, &own, &points),
+        overlap: right / all.max(1.0),
+        promise: [1.0; 2],
+    }];
+    for (k, g) in kept.iter().enumerate() {
+        let group = &first.groups[*g];
+        told.push(Trusted {
+            number: g + 1,
+            points: count(k as u32 + 1),
+            classes: shares(&first.classes, group, &points),
+            overlap: first.odds.overlap(group, &still, &points),
+            promise: first.promises[*g],
+        });
+    }
+    let moving: f64 = told[1..].iter().map(|t| t.points as f64).sum();
+    if moving > 0.0 {
+        told[0].promise = [0, 1].map(|c| told[1..].iter().map(|t| t.points as f64 * t.promise[c]).sum::<f64>() / moving);
+    }
+    trust::rows(analysis, &told, expected)
+}
+
+/// What is asked at the end, for training.
+pub struct Ends {
+    /// Of each part's hinges, [`CANDIDATES`] rows of features a part.
+    pub hinges: Matrix,
+    /// What would be right for each part, of the hinges whose truth was given: the row, and what its place is to be moved by.
+    pub right: Vec<Vec<Option<(usize, [f64; 2])>>>,
+    /// Of the body and each part a row of features, how far it is to be trusted.
+    pub trust: Matrix,
+    /// Of each input point its part from 1; 0 the body.
+    pub label_of_input: Vec<Option<u32>>,
+}
+
+impl Ends {
+    /// Of a cloud; `truth` are hinges' axes and points on them, in W.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], truth: &[(Vector3<f64>, Point3<f64>)], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let mut plain = Plain { weights: &weights.matrices };
+        let first = First::of(&analyses, &mut plain)?;
+        let analysis = &analyses[first.index];
+        let ended = Ended::of(&first, analysis, &mut plain)?;
+        let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
+        if ended.groups.is_empty() {
+            return Ok(Self { hinges: Matrix::zeros(0, 0), right: Vec::new(), trust: ended.trust, label_of_input });
+        }
+        let side = Side::new(&ended.fine, first.seen.quarter);
+        let mut network = Network::new(&mut plain);
+        let (candidates, out) = first.seen.ended(&mut network, analysis, &ended.groups, &side, &ended.pieces)?;
+        let hinges = hinge::rows(&side.posed, &ended.pieces, &candidates, &out, &ended.share);
+        let options = Options { parts: candidates };
+        let left = |g: usize, (row, off): (usize, [f64; 2])| (row, [0, 1].map(|k| off[k] - f64::from(out[(g * CANDIDATES + row, k + 1)])));
+        let of_part = |g: usize| truth.iter().map(|(axis, origin)| side.target(&options, g, false, axis, origin).map(|t| left(g, t))).collect();
+        let right = (0..ended.groups.len()).map(of_part).collect();
+        Ok(Self { hinges, right, trust: ended.trust, label_of_input })
+    }
+}
+
 /// What was decided of a cloud.
 pub(crate) struct Decided {
     /// The analysis that it went on from, its superpoints split where parts end.
@@ -382,35 +491,23 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut plain = Plain { weights: &weights.matrices };
     let first = First::of(analyses, &mut plain)?;
     let analysis = &analyses[first.index];
-    let mut label = first.label(analysis, &mut plain)?;
+    let Ended { fine, groups, pieces, share, label, trust } = Ended::of(&first, analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
-    let mut counts = vec![0; first.groups.len() + 1];
-    label.iter().flatten().for_each(|l| counts[*l as usize] += 1);
-    // A part that is left with next to nothing is none. The larger ones first: names count from there.
-    let mut kept: Vec<usize> = (0..first.groups.len()).filter(|g| enough(counts[g + 1], analysis.points.len())).collect();
-    kept.sort_by_key(|g| std::cmp::Reverse(counts[g + 1]));
-    let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
-    label.iter_mut().flatten().for_each(|l| *l = number(*l));
-    let groups: Vec<Vec<usize>> = kept.iter().map(|g| first.groups[*g].clone()).collect();
-    let (fine, pieces) = split(analysis, &label, groups.len());
-    let points = sizes(analysis);
-    let of_body = first.still();
+    let trust = network.trust(trust)?;
+    let confidence = |k: usize| 1.0 / (1.0 + f64::from(-trust[k]).exp());
     let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
-        let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
-        for (g, own) in groups.iter().enumerate() {
-            let confidence = first.promises[kept[g]];
-            let share = shares(&first.classes, own, &points);
-            let part = moving_part(&side, share, &pieces[g], &candidates[g], &out, g * CANDIDATES);
-            parts.push(Moving { confidence, ..part });
+        let (candidates, mut out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
+        let off = network.hinges(hinge::rows(&side.posed, &pieces, &candidates, &out, &share))?;
+        let mut places = out.columns_mut(1, 2);
+        places += off;
+        for g in 0..groups.len() {
+            let part = moving_part(&side, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
+            parts.push(Moving { confidence: confidence(g + 1), ..part });
         }
     }
-    let taken = |i: &usize| groups.iter().any(|g| g.contains(i));
-    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| !taken(i));
-    let right: f64 = own.iter().map(|i| points[*i] * of_body[*i]).sum();
-    let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * of_body[*i]).sum::<f64>();
-    let body_confidence = right / all.max(1.0);
+    let body_confidence = confidence(0);
     let decision = Decision { parts, body_confidence, doubt: first.doubt, walled: first.walled, front: side.front() };
     drop(side);
     Ok(Decided { analysis: fine, label, decision })

@@ -232,3 +232,28 @@ pub(crate) fn told(front: &Front<'_>, k: usize) -> ([f64; INSIDE], [[f64; EDGE];
     ];
     (inside, edges)
 }
+
+/// A seam near an edge.
+pub(crate) struct Seam {
+    pub(crate) at: f64,
+    pub(crate) score: f64,
+    /// Share of points that are missing there.
+    pub(crate) missing: f64,
+}
+
+/// The clearest seam near the lower or the upper edge along a direction.
+pub(crate) fn seam_near(front: &Front<'_>, k: usize, side: usize) -> Option<Seam> {
+    let edge = if side == 0 { front.ranges[k].0 } else { front.ranges[k].1 };
+    let mut best: Option<Seam> = None;
+    for lean in LEANS {
+        let sums = Sums::of(front, k, lean);
+        let (from, to) = (sums.bin_of(edge - 0.02), sums.bin_of(edge + 0.02));
+        for b in from..to.saturating_sub(FINE).max(from) {
+            let e = sums.evidence(b);
+            if e.score > 1.0 && best.as_ref().is_none_or(|s| e.score > s.score) {
+                best = Some(Seam { at: sums.at(b), score: e.score, missing: e.missing[1].max(e.behind[1]).max(0.0) });
+            }
+        }
+    }
+    best
+}

@@ -8,6 +8,7 @@
 
 mod adam;
 mod border;
+mod ends;
 mod initial;
 mod lesson;
 mod loss;
@@ -23,6 +24,7 @@ use sagci_modelling::network::{Matrix, Weights};
 use serde::Serialize;
 
 pub use border::train_border;
+pub use ends::train_ends;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
 pub use mask::train_masks;
