@@ -9,10 +9,9 @@ use crate::candidate::{Candidate, FARTHEST};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
-use crate::hinge;
 use crate::mask::{self, Known, chosen, rectangles};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
-use crate::side::{Options, Side};
+use crate::side::Side;
 use crate::trust::{self, Expected, Trusted, expected};
 
 /// Classes in the order of the network's outputs.
@@ -439,12 +438,8 @@ fn trusted(first: &First<'_>, analysis: &Analysis, kept: &[usize], label: &[Opti
     trust::rows(analysis, &told, expected)
 }
 
-/// What is asked at the end, for training.
+/// What is asked about parts in the end, for training.
 pub struct Ends {
-    /// Of each part's hinges, [`CANDIDATES`] rows of features a part.
-    pub hinges: Matrix,
-    /// What would be right for each part, of the hinges whose truth was given: the row, and what its place is to be moved by.
-    pub right: Vec<Vec<Option<(usize, [f64; 2])>>>,
     /// Of the body and each part a row of features, how far it is to be trusted.
     pub trust: Matrix,
     /// Of each input point its part from 1; 0 the body.
@@ -452,28 +447,17 @@ pub struct Ends {
 }
 
 impl Ends {
-    /// Of a cloud; `truth` are hinges' axes and points on them, in W.
+    /// Of a cloud.
     ///
     /// Errors: as [`crate::perceive()`].
-    pub fn of(cloud: &[Point3<f64>], truth: &[(Vector3<f64>, Point3<f64>)], weights: &Weights) -> Result<Self, ModellingError> {
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
         let analyses = analyse(cloud)?;
         let mut plain = Plain { weights: &weights.matrices };
         let first = First::of(&analyses, &mut plain)?;
         let analysis = &analyses[first.index];
         let ended = Ended::of(&first, analysis, &mut plain)?;
         let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
-        if ended.groups.is_empty() {
-            return Ok(Self { hinges: Matrix::zeros(0, 0), right: Vec::new(), trust: ended.trust, label_of_input });
-        }
-        let side = Side::new(&ended.fine, first.seen.quarter);
-        let mut network = Network::new(&mut plain);
-        let (candidates, out) = first.seen.ended(&mut network, analysis, &ended.groups, &side, &ended.pieces)?;
-        let hinges = hinge::rows(&side.posed, &ended.pieces, &candidates, &out, &ended.share);
-        let options = Options { parts: candidates };
-        let left = |g: usize, (row, off): (usize, [f64; 2])| (row, [0, 1].map(|k| off[k] - f64::from(out[(g * CANDIDATES + row, k + 1)])));
-        let of_part = |g: usize| truth.iter().map(|(axis, origin)| side.target(&options, g, false, axis, origin).map(|t| left(g, t))).collect();
-        let right = (0..ended.groups.len()).map(of_part).collect();
-        Ok(Self { hinges, right, trust: ended.trust, label_of_input })
+        Ok(Self { trust: ended.trust, label_of_input })
     }
 }
 
@@ -498,10 +482,7 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
-        let (candidates, mut out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
-        let off = network.hinges(hinge::rows(&side.posed, &pieces, &candidates, &out, &share))?;
-        let mut places = out.columns_mut(1, 2);
-        places += off;
+        let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
         for g in 0..groups.len() {
             let part = moving_part(&side, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
             parts.push(Moving { confidence: confidence(g + 1), ..part });

@@ -118,10 +118,8 @@ mod tests {
     /// Of four pieces the first is the body; the second and the third belong together.
     fn odds() -> Odds {
         let together = |i: usize, j: usize| (i, j) == (1, 2);
-        Odds::asked(4, |pairs| {
-            Ok(Matrix::from_fn(pairs.len(), 1, |k, _| if together(pairs[k].0, pairs[k].1) { 4.0 } else { -4.0 }))
-        })
-        .unwrap_or(Odds { of: Matrix::zeros(0, 0) })
+        Odds::asked(4, |pairs| Ok(Matrix::from_fn(pairs.len(), 1, |k, _| if together(pairs[k].0, pairs[k].1) { 4.0 } else { -4.0 })))
+            .unwrap_or(Odds { of: Matrix::zeros(0, 0) })
     }
 
     #[test]

@@ -5,8 +5,9 @@
 //! the four upright sides is the front is asked of the network. The network ([`network`]) sees superpoints, their points and how
 //! two of them lie to one another, and answers: body, door, drawer, lid or flap; one part or two; and which of a part's few
 //! candidate joints it moves by. Candidates come from geometry: hinges at the two ends of the part's section, slides along its
-//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Each point near a part is
-//! then asked about by itself: superpoints know only such ends of parts as show as gaps ([`perceive()`]).
+//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Which pieces are one part is
+//! asked of whole groups ([`MASK`]), and each point near a part by itself: superpoints know only such ends of parts as show as gaps. Last
+//! it is asked how far parts are to be trusted ([`perceive()`]).
 //!
 //! After the paper's first stage (Lv et al., "Environment Initial Modeling"): segmentation into K parts, pairwise joint
 //! relation J and its spatial description C, a greedy directed tree. Furniture's parts hang in the body, so the tree's edges lead
@@ -27,7 +28,6 @@ mod grid;
 mod ground;
 mod grouping;
 mod handle;
-mod hinge;
 mod lens;
 mod mask;
 pub mod network;
@@ -49,7 +49,6 @@ pub use candidate::FARTHEST;
 pub use decide::{Borders, Ends, Groups, PartClass};
 pub use error::ModellingError;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};
-pub use hinge::HINGE;
 pub use lens::Lens;
 pub use mask::MASK;
 pub use network::Weights;

@@ -32,11 +32,8 @@ pub(crate) struct Known<'a> {
 /// The network's input for each group.
 pub(crate) fn rows(posed: &Posed<'_>, groups: &[Vec<usize>], known: &Known<'_>) -> Matrix {
     let a = posed.analysis;
-    let dense: Vec<(Point3<f64>, Option<u32>)> = a
-        .dense
-        .iter()
-        .map(|(p, of)| (Point3::from(posed.of_world(&p.coords)), a.piece[*of as usize]))
-        .collect();
+    let dense: Vec<(Point3<f64>, Option<u32>)> =
+        a.dense.iter().map(|(p, of)| (Point3::from(posed.of_world(&p.coords)), a.piece[*of as usize])).collect();
     let mut all: Vec<f32> = Vec::with_capacity(groups.len() * MASK);
     for group in groups {
         let row = row(posed, group, known, &dense);
@@ -63,7 +60,10 @@ fn row(posed: &Posed<'_>, group: &[usize], known: &Known<'_>, dense: &[(Point3<f
     let large = |i: &usize| known.points[*i] > 0.04 * size;
     let weakest = group.iter().filter(|i| large(i)).filter_map(|i| together[*i]).fold(3.0 * 4.0, f64::min);
     let strongest = (0..n).filter(|i| !is_own[*i] && large(i)).filter_map(|i| together[i]).fold(-12.0, f64::max);
-    let beside = (0..n).filter(|i| !is_own[*i]).filter_map(|i| together[i].map(|t| (known.points[i] / size).min(1.0) / (1.0 + (-t).exp()))).fold(0.0, f64::max);
+    let beside = (0..n)
+        .filter(|i| !is_own[*i])
+        .filter_map(|i| together[i].map(|t| (known.points[i] / size).min(1.0) / (1.0 + (-t).exp())))
+        .fold(0.0, f64::max);
     let joined = known.odds.within(group, known.points).unwrap_or(12.0);
     let behind = (0..n).filter(|i| !is_own[*i] && still[*i] < 0.5).filter_map(|i| together[i]).fold(-12.0, f64::max);
     row.extend([joined / 4.0, behind / 4.0, weakest / 4.0, strongest / 4.0, beside * 2.0]);
@@ -136,7 +136,9 @@ fn grips(posed: &Posed<'_>, panel: &Panel, is_own: &[bool]) -> [f64; 5] {
     let places: Vec<Point3<f64>> = (0..posed.points.len())
         .filter(|i| a.piece[*i].is_none_or(|k| is_own[k as usize] || a.superpoints[k as usize].points.len() < many))
         .map(|i| panel.coordinates(&posed.points[i]))
-        .filter(|c| c[0] > least && c[0] < 0.1 && c[1] > panel.level.0 && c[1] < panel.level.1 && c[2] > panel.rise.0 && c[2] < panel.rise.1)
+        .filter(|c| {
+            c[0] > least && c[0] < 0.1 && c[1] > panel.level.0 && c[1] < panel.level.1 && c[2] > panel.rise.0 && c[2] < panel.rise.1
+        })
         .map(|c| Point3::new(c[0], c[1], c[2]))
         .collect();
     let (of, sizes) = crate::ground::components(&places, (2.5 * a.scale.spacing).max(0.02));
@@ -187,7 +189,8 @@ pub(crate) fn chosen(groups: &[Vec<usize>], promises: &[[f64; 2]]) -> Vec<usize>
             // With this one or without it, and then whatever fits best.
             let next = match best.contains(k) {
                 true => {
-                    let others: Vec<usize> = order.iter().copied().filter(|o| o != k && !(groups[*o].len() >= groups[*k].len() && clash(*o, *k))).collect();
+                    let others: Vec<usize> =
+                        order.iter().copied().filter(|o| o != k && !(groups[*o].len() >= groups[*k].len() && clash(*o, *k))).collect();
                     fill(best.iter().copied().filter(|t| t != k).collect(), &others)
                 }
                 false => fill([vec![*k], best.iter().copied().filter(|t| !clash(*t, *k)).collect()].concat(), &order),
@@ -243,7 +246,8 @@ pub(crate) fn rectangles(posed: &Posed<'_>, still: &[f64]) -> Vec<Vec<usize>> {
                     inside && x.min(y) > -PLANE && x.max(y) < OUT
                 };
                 let group: Vec<usize> = (0..pieces.len()).filter(within).collect();
-                let filled: f64 = group.iter().filter(|k| pieces[**k].axial == Some(axis)).map(|k| area(&pieces[*k].low, &pieces[*k].high)).sum();
+                let filled: f64 =
+                    group.iter().filter(|k| pieces[**k].axial == Some(axis)).map(|k| area(&pieces[*k].low, &pieces[*k].high)).sum();
                 if group.contains(i) && group.contains(j) && filled > FILLED * area(&low, &high) && !found.contains(&group) {
                     found.push(group);
                 }
@@ -257,4 +261,26 @@ pub(crate) fn rectangles(posed: &Posed<'_>, still: &[f64]) -> Vec<Vec<usize>> {
     });
     found.truncate(MOST);
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_leaves_are_taken_where_they_promise_more_than_both_as_one() {
+        let groups = vec![vec![0], vec![1], vec![0, 1], vec![2]];
+        let mut two = chosen(&groups, &[[0.9, 0.8], [0.8, 0.5], [0.9, 0.9], [0.1, 0.0]]);
+        two.sort_unstable();
+        assert_eq!(two, [0, 1]);
+        assert_eq!(chosen(&groups, &[[0.5, 0.3], [0.4, 0.1], [0.9, 0.9], [0.1, 0.0]]), [2]);
+    }
+
+    #[test]
+    fn no_piece_is_of_two_parts() {
+        let groups = vec![vec![0, 1], vec![1, 2], vec![2, 3]];
+        let mut taken = chosen(&groups, &[[0.8, 0.6], [0.9, 0.8], [0.8, 0.6]]);
+        taken.sort_unstable();
+        assert_eq!(taken, [0, 2]);
+    }
 }

@@ -125,7 +125,10 @@ impl Sums {
     /// What speaks for a seam in the bins that begin at `b`.
     fn evidence(&self, b: usize) -> Evidence {
         let window = ((GROUND / self.bin) as usize).max(4 * FINE);
-        let (low, high) = ((b.saturating_sub(1 + window), b.saturating_sub(1)), ((b + FINE + 1).min(self.bins()), (b + FINE + 1 + window).min(self.bins())));
+        let (low, high) = (
+            (b.saturating_sub(1 + window), b.saturating_sub(1)),
+            ((b + FINE + 1).min(self.bins()), (b + FINE + 1 + window).min(self.bins())),
+        );
         let share = |s: (usize, usize)| if s.1 > s.0 { FINE as f64 / (s.1 - s.0) as f64 } else { 0.0 };
         let ground = |of: &[Row], greatest: bool| -> [f64; QUARTERS] {
             let (x, y) = (Self::rows(of, low.0, low.1), Self::rows(of, high.0, high.1));
@@ -152,7 +155,8 @@ impl Sums {
         if m >= 12.0 && n >= 12.0 {
             let mean = |s: (usize, usize), n: f64| (self.depth[s.1] - self.depth[s.0]) / n;
             let (x, y) = (mean(low, m), mean(high, n));
-            let variance = (self.square[low.1] - self.square[low.0] + self.square[high.1] - self.square[high.0] - m * x * x - n * y * y) / (m + n);
+            let variance =
+                (self.square[low.1] - self.square[low.0] + self.square[high.1] - self.square[high.0] - m * x * x - n * y * y) / (m + n);
             step = [y - x, (y - x).abs() / (variance.max(1e-6) * (1.0 / m + 1.0 / n)).sqrt()];
         }
         Evidence {
@@ -233,27 +237,39 @@ pub(crate) fn told(front: &Front<'_>, k: usize) -> ([f64; INSIDE], [[f64; EDGE];
     (inside, edges)
 }
 
-/// A seam near an edge.
-pub(crate) struct Seam {
-    pub(crate) at: f64,
-    pub(crate) score: f64,
-    /// Share of points that are missing there.
-    pub(crate) missing: f64,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The clearest seam near the lower or the upper edge along a direction.
-pub(crate) fn seam_near(front: &Front<'_>, k: usize, side: usize) -> Option<Seam> {
-    let edge = if side == 0 { front.ranges[k].0 } else { front.ranges[k].1 };
-    let mut best: Option<Seam> = None;
-    for lean in LEANS {
-        let sums = Sums::of(front, k, lean);
-        let (from, to) = (sums.bin_of(edge - 0.02), sums.bin_of(edge + 0.02));
-        for b in from..to.saturating_sub(FINE).max(from) {
-            let e = sums.evidence(b);
-            if e.score > 1.0 && best.as_ref().is_none_or(|s| e.score > s.score) {
-                best = Some(Seam { at: sums.at(b), score: e.score, missing: e.missing[1].max(e.behind[1]).max(0.0) });
-            }
-        }
+    /// Points half a metre wide and high, 5 mm apart; `seen` says how far off the panel the ray at a place ends, if it is seen.
+    fn panel(seen: impl Fn(f64, f64) -> Option<f64>) -> Vec<[f64; 3]> {
+        let at = |k: usize| 0.005 * k as f64;
+        let place = |i: usize| {
+            // Rows shifted against one another, so that no line of a grid is a gap.
+            let (u, v) = (at(i % 100) + 0.0013 * (i / 100 % 4) as f64, at(i / 100));
+            seen(u, v).map(|d| [d, u, v])
+        };
+        (0..10_000).filter_map(place).collect()
     }
-    best
+
+    fn inside(places: &[[f64; 3]]) -> [f64; INSIDE] {
+        told(&Front { places, ranges: [(0.0, 0.5), (0.0, 0.5)], thin: 0.006, spacing: 0.007 }, 0).0
+    }
+
+    #[test]
+    fn a_gap_narrower_than_points_are_apart_is_told_by_what_lies_behind_it() {
+        let plain = inside(&panel(|_, _| Some(0.0)));
+        // One ray in four that meets the gap enters it.
+        let gap = inside(&panel(|u, v| Some(if (0.24..0.244).contains(&u) && (v * 200.0) as usize % 2 == 0 { -0.03 } else { 0.0 })));
+        assert!(gap[0] > 0.5 && gap[5] > 0.3, "{gap:?}");
+        assert!(plain[0] < 0.5 * gap[0] && plain[5] < 0.1, "{plain:?}");
+    }
+
+    #[test]
+    fn the_shadow_of_a_handle_is_no_seam() {
+        let seam = inside(&panel(|u, _| if (0.24..0.25).contains(&u) { None } else { Some(0.0) }));
+        let shadow = inside(&panel(|u, v| if (0.24..0.25).contains(&u) && (0.2..0.3).contains(&v) { None } else { Some(0.0) }));
+        assert!(seam[1] > 1.0, "least of the quarters {seam:?}");
+        assert!(shadow[1] < 0.5 && shadow[0] < 0.7 * seam[0], "{shadow:?}");
+    }
 }

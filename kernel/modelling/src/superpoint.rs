@@ -433,15 +433,7 @@ fn between_grips(piece: &Superpoint, axis: usize, rays: &Rays, grips: &[Grip], s
 /// differs from one side of it to the other.
 ///
 /// Within a range, if one is given: there is one then, and little has to speak for it.
-fn line(
-    piece: &Superpoint,
-    k: usize,
-    other: usize,
-    axis: usize,
-    rays: &Rays,
-    scale: Scale,
-    range: Option<(f64, f64)>,
-) -> Option<Line> {
+fn line(piece: &Superpoint, k: usize, other: usize, axis: usize, rays: &Rays, scale: Scale, range: Option<(f64, f64)>) -> Option<Line> {
     let (least_gap, least) = if range.is_some() { (0.08, 1.2) } else { (MISSING, GAP) };
     // Bins a third as wide as what is looked at together, so that no gap falls between two.
     const FINE: usize = 3;

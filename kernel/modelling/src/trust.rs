@@ -75,9 +75,19 @@ pub(crate) fn rows(analysis: &Analysis, all: &[Trusted], expected: &Expected) ->
     for t in all {
         let flag = f64::from(u8::from(t.number == 0));
         let mut row = vec![flag, t.promise[0] * 2.0 - 1.0, t.promise[1] * 2.0 - 1.0, least * 2.0 - 1.0];
-        row.extend([expected.overlap[t.number] * 4.0 - 3.0, expected.overlap[0] * 4.0 - 3.0, expected.changed[t.number] * 2.0, expected.doubt * 10.0]);
+        row.extend([
+            expected.overlap[t.number] * 4.0 - 3.0,
+            expected.overlap[0] * 4.0 - 3.0,
+            expected.changed[t.number] * 2.0,
+            expected.doubt * 10.0,
+        ]);
         row.extend([(t.points as f64 / total).sqrt() * 2.0 - 1.0, (t.points.max(1) as f64).log10() - 3.0, all.len() as f64 / 4.0 - 1.0]);
-        row.extend([t.overlap * 2.0 - 1.0, analysis.scale.noise * 100.0, analysis.scale.spacing * 50.0, (analysis.high - analysis.low).norm().ln()]);
+        row.extend([
+            t.overlap * 2.0 - 1.0,
+            analysis.scale.noise * 100.0,
+            analysis.scale.spacing * 50.0,
+            (analysis.high - analysis.low).norm().ln(),
+        ]);
         row.push(flag * (expected.overlap[0] * 4.0 - 3.0));
         row.extend(t.classes.map(|c| c * 2.0 - 1.0));
         debug_assert_eq!(row.len(), TRUST);
@@ -93,7 +103,8 @@ mod tests {
 
     #[test]
     fn points_in_doubt_lower_what_is_expected_of_both_sides() {
-        let asked = |n: usize| Asked { rows: Matrix::zeros(n, BORDER), doubtful: vec![true; n], of: (0..n as u32).map(|i| (i, 0)).collect() };
+        let asked =
+            |n: usize| Asked { rows: Matrix::zeros(n, BORDER), doubtful: vec![true; n], of: (0..n as u32).map(|i| (i, 0)).collect() };
         let labels = [Some(1), Some(1), Some(0), Some(0)];
         let sure = expected(&labels, &labels, &asked(4), &[9.0, 9.0, -9.0, -9.0], 1);
         let unsure = expected(&labels, &labels, &asked(4), &[9.0, 0.1, -0.1, -9.0], 1);

@@ -8,12 +8,12 @@
 
 mod adam;
 mod border;
-mod ends;
 mod initial;
 mod lesson;
 mod loss;
 mod mask;
 mod tape;
+mod trust;
 
 use std::collections::BTreeMap;
 
@@ -24,10 +24,10 @@ use sagci_modelling::network::{Matrix, Weights};
 use serde::Serialize;
 
 pub use border::train_border;
-pub use ends::train_ends;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
 pub use mask::train_masks;
+pub use trust::train_trust;
 
 /// What a training run is made by.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

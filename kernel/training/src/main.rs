@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use sagci_modelling::Weights;
-use sagci_training::{Settings, lessons, train, train_border, train_ends, train_masks};
+use sagci_training::{Settings, lessons, train, train_border, train_masks, train_trust};
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
 #[derive(Debug, Parser)]
@@ -33,8 +33,8 @@ struct Arguments {
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end, where
-    /// hinges are and what is to be trusted.
+    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end, and
+    /// what is to be trusted.
     #[arg(long, requires = "from")]
     heads: bool,
     /// Weights to go on from.
@@ -46,8 +46,8 @@ struct Arguments {
 }
 
 /// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the
-/// first. All but the last were run before clouds were thinned or families drawn as they are now; `world-models/perception/README.md` says
-/// how the last went on from there.
+/// first. They were run before clouds were thinned and cut, or families drawn, as they are now; `world-models/perception/README.md` says how
+/// the last heads went on from there.
 const ROUNDS: [Settings; 7] = [
     Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 },
     Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3, kept: 0.0 },
@@ -61,7 +61,7 @@ const ROUNDS: [Settings; 7] = [
 /// These heads come last, one after the other, each on what all before it make of fresh objects: after every round they are trained anew.
 const MASKS: Settings = Settings { seed: 31, objects: 1500, epochs: 12, batch: 16, rate: 2e-3, kept: 0.0 };
 const BORDER: Settings = Settings { seed: 21, objects: 1000, epochs: 5, batch: 16, rate: 3e-3, kept: 0.0 };
-const ENDS: Settings = Settings { seed: 41, objects: 1500, epochs: 12, batch: 16, rate: 2e-3, kept: 0.0 };
+const TRUST: Settings = Settings { seed: 41, objects: 1500, epochs: 12, batch: 16, rate: 2e-3, kept: 0.0 };
 
 impl Arguments {
     /// Was none of the settings given?
@@ -131,7 +131,7 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
         let mut log = |line: &str| eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
         let mut made = train_masks(&a.settings(MASKS), &from, &mut log)?;
         made = train_border(&a.settings(BORDER), &made, &mut log)?;
-        made = train_ends(&a.settings(ENDS), &made, &mut log)?;
+        made = train_trust(&a.settings(TRUST), &made, &mut log)?;
         std::fs::write(&a.out, made.to_bytes()?)?;
     }
     Ok(())

@@ -5,7 +5,6 @@ use super::algebra::{Algebra, Matrix};
 use crate::ModellingError;
 use crate::border::BORDER;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
-use crate::hinge::HINGE;
 use crate::mask::MASK;
 use crate::trust::TRUST;
 
@@ -133,16 +132,6 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.hidden("mask.1", &given, MASK, 64)?;
         let x = self.hidden("mask.2", &x, 64, 32)?;
         self.linear("mask.3", &x, 32, 2)
-    }
-
-    /// What hinges' places are to be moved by, in the measure of candidates' residuals: a row of [`HINGE`] features each.
-    ///
-    /// Errors: as [`Self::trunk`].
-    pub fn hinges(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
-        let given = self.algebra.input(rows);
-        let x = self.hidden("hinge.1", &given, HINGE, 48)?;
-        let x = self.hidden("hinge.2", &x, 48, 24)?;
-        self.linear("hinge.3", &x, 24, 2)
     }
 
     /// Log-odds that parts' points overlap a true part's by three quarters: a row of [`TRUST`] features each.
