@@ -12,11 +12,13 @@ use crate::border::Panel;
 use crate::grouping::Odds;
 use crate::network::{CLASSES, Matrix};
 use crate::posed::Posed;
-use crate::seam::{EDGE, Front, INSIDE, told};
+use crate::seam::{BEHIND, EDGE, Front, INSIDE, told};
 
 /// Features of a group.
 pub const MASK: usize = 23 + CLASSES + 9 + 2 * INSIDE + 4 * EDGE;
 
+/// How far beyond a panel's rectangle one looks, m.
+const BESIDE: f64 = 0.06;
 /// Cells of a panel's rectangle, each way.
 const CELLS: usize = 8;
 
@@ -87,10 +89,16 @@ fn row(posed: &Posed<'_>, group: &[usize], known: &Known<'_>, dense: &[(Point3<f
     row.extend([width / (posed.high.y - posed.low.y).max(0.01), height / (posed.high.z - posed.low.z).max(0.01)]);
 
     // What its rectangle holds.
-    let places: Vec<[f64; 3]> = dense.iter().map(|(p, _)| panel.coordinates(p)).collect();
     let thin = (3.0 * noise).max(0.006);
+    // Only what is near the panel is looked at.
+    let range = |t: f64, of: (f64, f64)| t > of.0 - BESIDE && t < of.1 + BESIDE;
+    let (places, of_place): (Vec<[f64; 3]>, Vec<Option<u32>>) = dense
+        .iter()
+        .map(|(p, piece)| (panel.coordinates(p), *piece))
+        .filter(|(c, _)| c[0] > -BEHIND && c[0] < thin && range(c[1], panel.level) && range(c[2], panel.rise))
+        .unzip();
     let (mut cells, mut others, mut flat, mut of_own, mut of_moving) = ([false; CELLS * CELLS], [false; CELLS * CELLS], 0.0, 0.0, 0.0);
-    for (c, (_, piece)) in places.iter().zip(dense) {
+    for (c, piece) in places.iter().zip(of_place) {
         if c[0].abs() > thin || c[1] < panel.level.0 || c[1] > panel.level.1 || c[2] < panel.rise.0 || c[2] > panel.rise.1 {
             continue;
         }

@@ -12,7 +12,7 @@ const FINE: usize = 3;
 const GROUND: f64 = 0.02;
 const MARGIN: f64 = 0.05;
 /// How far behind a panel what is seen through a seam may lie, m.
-const BEHIND: f64 = 0.12;
+pub(crate) const BEHIND: f64 = 0.12;
 /// How a line may lean, m a m: the arm knows its camera's pose to some tenths of a degree.
 const LEANS: [f64; 3] = [0.0, -0.004, 0.004];
 /// Numbers that tell of the inside of a panel along one direction, and of an edge.
