@@ -42,9 +42,9 @@ impl Odds {
             .collect();
         loop {
             let mut best: Option<(f64, usize, usize)> = None;
-            for i in 0..live.len() {
-                for j in i + 1..live.len() {
-                    let mean = sums[i][j][0] / sums[i][j][1].max(1e-12);
+            for (i, row) in sums.iter().enumerate() {
+                for (j, [sum, weight]) in row.iter().enumerate().skip(i + 1) {
+                    let mean = sum / weight.max(1e-12);
                     if mean > UNLIKE && best.is_none_or(|x| mean > x.0) {
                         best = Some((mean, i, j));
                     }
@@ -52,8 +52,8 @@ impl Odds {
             }
             let Some((_, i, j)) = best else { break };
             nodes.push([nodes[live[i]].clone(), nodes[live[j]].clone()].concat());
-            for k in 0..live.len() {
-                let add = sums[j][k];
+            let added = sums[j].clone();
+            for (k, add) in added.into_iter().enumerate() {
                 sums[i][k][0] += add[0];
                 sums[i][k][1] += add[1];
                 sums[k][i] = sums[i][k];
