@@ -1,5 +1,7 @@
 //! The geometry of a cloud, before anything is decided: the object's points in the frame of its box, and their superpoints.
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use crate::grid::Grid;
@@ -20,6 +22,8 @@ pub struct Analysis {
     pub(crate) superpoints: Vec<Superpoint>,
     /// Of each point its piece.
     pub(crate) piece: Vec<Option<u32>>,
+    /// The object's points as they came, in W, m, and of each the thinned point that stands for it: more of them show finer seams.
+    pub(crate) dense: Arc<Vec<(Point3<f64>, u32)>>,
     /// Of each input point, the point of the object that stands for it; none for the surroundings.
     pub(crate) of_input: Vec<Option<u32>>,
     /// How fine the cloud is.
@@ -104,16 +108,28 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
     let mut new_index = vec![None; thinned.points.len()];
     kept.iter().enumerate().for_each(|(new, old)| new_index[*old] = Some(new as u32));
     let of_input: Vec<Option<u32>> = thinned.of_input.iter().map(|i| i.and_then(|i| new_index[i as usize])).collect();
+    let dense = Arc::new(dense(input, thinned.factor, &of_input));
     let in_frame = |yaw: f64| {
         let R_AW = frame::upright(yaw);
         let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
         let normals = local.iter().map(|l| R_AW * l.normal).collect();
-        let (superpoints, piece) = regions.superpoints(&points, scale);
+        let turned: Vec<(Point3<f64>, u32)> = dense.iter().map(|(p, of)| (R_AW * p, *of)).collect();
+        let (superpoints, piece) = regions.superpoints(&points, &turned, scale);
         let (low, high) = bounds(&points);
-        let (of_input, notes) = (of_input.clone(), notes.clone());
-        Analysis { points, normals, R_AW, superpoints, piece, of_input, scale, low, high, notes, factor: thinned.factor }
+        let (of_input, notes, dense) = (of_input.clone(), notes.clone(), Arc::clone(&dense));
+        Analysis { points, normals, R_AW, superpoints, piece, dense, of_input, scale, low, high, notes, factor: thinned.factor }
     };
     Ok(frame::yaws(&world, &local, noise.max(0.002)).into_iter().map(in_frame).collect())
+}
+
+/// Most points that seams are looked for among.
+const DENSE: usize = 60_000;
+
+/// The object's input points; of very many every so-manieth.
+fn dense(input: &[Point3<f64>], factor: f64, of_input: &[Option<u32>]) -> Vec<(Point3<f64>, u32)> {
+    let all = of_input.iter().flatten().count();
+    let own = input.iter().zip(of_input).filter_map(|(p, of)| of.map(|of| (p * factor, of)));
+    own.step_by(all / DENSE + 1).collect()
 }
 
 /// Bounds without the outermost two in a thousand along each axis.

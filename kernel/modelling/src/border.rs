@@ -22,6 +22,8 @@ pub const BORDER: usize = 65;
 /// How far from the rectangle of a part's panel points are asked about, along it and across it, m.
 const BESIDE: f64 = 0.08;
 const BEFORE: f64 = 0.12;
+/// How far behind a panel points are that were seen through a seam, m.
+const THROUGH: f64 = 0.12;
 /// Bins of the narrowest strip beyond a seam.
 const NARROW: usize = 4;
 /// How far within the panel's edge a seam may be its true edge, m.
@@ -79,22 +81,28 @@ struct Profile {
 }
 
 impl Profile {
-    /// Of places `t` with depths; the panel reaches from `low` to `high`.
+    /// Of places `t` with depths, endless ones where the panel was seen through; it reaches from `low` to `high`.
     fn of(points: &[(f64, f64)], low: f64, high: f64, spacing: f64) -> Self {
         // Two bins are looked at together, so that no seam falls between.
         let bin = 0.5 * (0.9 * spacing).max(0.003);
         let (from, to) = (low - 0.1, high + 0.1);
         let bins = (((to - from) / bin).ceil() as usize).clamp(4, 4000);
-        let (mut counts, mut depths) = (vec![0.0_f64; bins + 1], vec![0.0_f64; bins + 1]);
+        let (mut counts, mut depths, mut backs) = (vec![0.0_f64; bins + 1], vec![0.0_f64; bins + 1], vec![0.0_f64; bins + 1]);
         for (t, d) in points {
             let b = (t - from) / bin;
             if b >= 0.0 && b < bins as f64 {
-                counts[b as usize] += 1.0;
-                depths[b as usize] += d;
+                match d.is_finite() {
+                    true => {
+                        counts[b as usize] += 1.0;
+                        depths[b as usize] += d;
+                    }
+                    false => backs[b as usize] += 1.0,
+                }
             }
         }
         let both = |v: &[f64], b: usize| v[b] + v[b + 1];
         let wide: Vec<f64> = (0..bins).map(|b| both(&counts, b)).collect();
+        let behind: Vec<f64> = (0..bins).map(|b| both(&backs, b)).collect();
         let depth: Vec<f64> = (0..bins).map(|b| both(&depths, b) / wide[b].max(1.0)).collect();
         let inside: Vec<f64> = (0..bins).filter(|b| (low..=high).contains(&(from + *b as f64 * bin))).map(|b| wide[b]).collect();
         let usual = middle(&inside).max(1.0);
@@ -111,7 +119,13 @@ impl Profile {
                 let (far, strip) = (ground(window), ground(NARROW));
                 let (below, above) = (far[0].max(strip[0]), far[1].max(strip[1]));
                 let ground = below.min(above);
-                [((ground - wide[b]) / ground.max(1.0)).max(0.0), ((ground - wide[b]) / ground.max(1.0).sqrt()).max(0.0)]
+                let missing = [((ground - wide[b]) / ground.max(1.0)).max(0.0), ((ground - wide[b]) / ground.max(1.0).sqrt()).max(0.0)];
+                let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
+                let usual = mean(&behind[b.saturating_sub(window)..b.saturating_sub(1)]);
+                let usual = usual.max(mean(&behind[(b + 2).min(bins)..(b + 2 + window).min(bins)]));
+                let through = if ground < 1.0 { 0.0 } else { ((behind[b] - usual) / (usual + 1.0).sqrt()).max(0.0) };
+                let share = if through > 1.0 { ((behind[b] - usual) / ground.max(1.0)).min(1.0) } else { 0.0 };
+                [missing[0].max(share), missing[1].hypot(through)]
             })
             .collect();
         let mut seam = vec![[0.0; 3]; bins];
@@ -163,18 +177,18 @@ fn middle(of: &[f64]) -> f64 {
 }
 
 /// A part's panel: its directions (out of it, level, rising) and its rectangle.
-struct Panel {
-    shape: Shape,
-    axes: [Vector3<f64>; 3],
+pub(crate) struct Panel {
+    pub(crate) shape: Shape,
+    pub(crate) axes: [Vector3<f64>; 3],
     at: f64,
-    level: (f64, f64),
-    rise: (f64, f64),
+    pub(crate) level: (f64, f64),
+    pub(crate) rise: (f64, f64),
     /// From and to of all its points across the panel.
-    deep: (f64, f64),
+    pub(crate) deep: (f64, f64),
 }
 
 impl Panel {
-    fn of(posed: &Posed<'_>, pieces: &[usize]) -> Self {
+    pub(crate) fn of(posed: &Posed<'_>, pieces: &[usize]) -> Self {
         let shape = shape(posed, pieces);
         let n = shape.outward(posed);
         let level = if n.z.abs() > 0.9 { Vector3::y() } else { n.cross(&Vector3::z()).normalize() };
@@ -189,7 +203,7 @@ impl Panel {
     }
 
     /// Off the panel, along it, up it.
-    fn coordinates(&self, p: &Point3<f64>) -> [f64; 3] {
+    pub(crate) fn coordinates(&self, p: &Point3<f64>) -> [f64; 3] {
         let [n, level, rise] = &self.axes;
         [p.coords.dot(n) - self.at, p.coords.dot(level), p.coords.dot(rise)]
     }
@@ -205,6 +219,7 @@ pub(crate) fn ask(posed: &Posed<'_>, label: &[Option<u32>], still: &[f64], parts
     let a = posed.analysis;
     let normals: Vec<Vector3<f64>> = a.normals.iter().map(|n| posed.R_KA * n).collect();
     let near = neighbours(a, label, parts.len());
+    let dense: Vec<Point3<f64>> = a.dense.iter().map(|(p, _)| Point3::from(posed.of_world(&p.coords))).collect();
     let noise = a.scale.noise.max(0.001);
     let (mut asked, mut doubtful) = (Vec::new(), Vec::new());
     let mut rows: Vec<f32> = Vec::new();
@@ -213,9 +228,11 @@ pub(crate) fn ask(posed: &Posed<'_>, label: &[Option<u32>], still: &[f64], parts
         let own = g as u32 + 1;
         let places: Vec<[f64; 3]> = posed.points.iter().map(|p| panel.coordinates(p)).collect();
         let thin = (3.0 * noise).max(0.006);
+        // Seams show best among all points, and by what is seen through them.
+        let all: Vec<[f64; 3]> = dense.iter().map(|p| panel.coordinates(p)).collect();
         let on = |k: usize, other: usize, range: (f64, f64)| -> Vec<(f64, f64)> {
-            let flat = |c: &&[f64; 3]| c[0].abs() < thin && inside(c[other], range) > 0.0;
-            places.iter().filter(flat).map(|c| (c[k], c[0])).collect()
+            let near = |c: &&[f64; 3]| c[0] < thin && c[0] > -THROUGH && inside(c[other], range) > 0.0;
+            all.iter().filter(near).map(|c| (c[k], if c[0] > -thin { c[0] } else { f64::NEG_INFINITY })).collect()
         };
         let across = Profile::of(&on(1, 2, panel.rise), panel.level.0, panel.level.1, a.scale.spacing);
         let up = Profile::of(&on(2, 1, panel.level), panel.rise.0, panel.rise.1, a.scale.spacing);

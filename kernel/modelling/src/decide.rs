@@ -9,8 +9,10 @@ use crate::candidate::{Candidate, FARTHEST};
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
+use crate::mask::{self, Known, chosen, rectangles};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::side::Side;
+use crate::trust::{self, Expected, Trusted, expected};
 
 /// Classes in the order of the network's outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +61,7 @@ pub(crate) struct Motion {
 #[derive(Debug, Clone)]
 pub(crate) struct Moving {
     pub(crate) class: PartClass,
-    /// The intersection over union that it may expect with a true part.
+    /// How likely its points overlap a true part's by three quarters.
     pub(crate) confidence: f64,
     /// Its superpoints.
     pub(crate) pieces: Vec<usize>,
@@ -86,11 +88,8 @@ pub(crate) struct Decision {
     pub(crate) front: Vector3<f64>,
 }
 
-/// What is taken for the body with less than this probability moves. Above one half, since a part that is missed is lost, and one in vain
-/// is found out at the first touch; measured on families that were trained on.
-const STILL: f32 = 0.6;
-/// A group that is the body with more than this probability on the whole is no part.
-const STILL_GROUP: f64 = 0.5;
+/// Pieces that are the body with less than this probability may be a part's, or be one: which groups are, is asked of each as a whole.
+const STILL: f32 = 0.85;
 /// How far a motion may be believed that does not go with what the part seems to be.
 const DOUBT: f64 = 0.1;
 
@@ -178,8 +177,11 @@ struct First<'a> {
     walled: f64,
     doubt: f64,
     odds: Odds,
-    /// Parts, each by its superpoints.
+    /// Groups of superpoints of which each may be a part.
+    nodes: Vec<Vec<usize>>,
+    /// Parts, each by its superpoints, and how likely it overlaps a true part by half and by three quarters.
     groups: Vec<Vec<usize>>,
+    promises: Vec<[f64; 2]>,
 }
 
 /// Points of each superpoint.
@@ -188,8 +190,8 @@ fn sizes(analysis: &Analysis) -> Vec<f64> {
 }
 
 impl<'a> First<'a> {
-    /// Asks the network about all sides at all yaws, and about the front in full.
-    fn of(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+    /// Asks the network about all sides at all yaws, and about the front in full: all but which groups are parts.
+    fn asked(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
         let mut best: Option<(f32, usize, Seen<'_>)> = None;
         for (index, analysis) in analyses.iter().enumerate() {
             let n = analysis.superpoints.len();
@@ -220,10 +222,43 @@ impl<'a> First<'a> {
         let moving: Vec<usize> = (0..n).filter(|i| walled >= WALLED && classes[(*i, 0)] < STILL).collect();
         let doubt = (0..n).filter(|i| classes[(*i, 0)] >= STILL).map(|i| 1.0 - f64::from(classes[(i, 0)])).fold(0.0, f64::max);
         let points = sizes(analysis);
-        let odds = Odds::asked(moving, n, |pairs| seen.same_part(&mut network, n, pairs))?;
-        let enough = |g: &[usize]| enough(g.iter().map(|i| analysis.superpoints[*i].points.len()).sum(), analysis.points.len());
-        let groups = odds.groups(&points).into_iter().filter(|g| enough(g) && shares(&classes, g, &points)[0] < STILL_GROUP).collect();
-        Ok(Self { index, seen, classes, walled, doubt, odds, groups })
+        let odds = Odds::asked(n, |pairs| seen.same_part(&mut network, n, pairs))?;
+        let mut nodes = odds.tree(&moving, &points);
+        if walled >= WALLED {
+            let still: Vec<f64> = (0..n).map(|i| f64::from(classes[(i, 0)])).collect();
+            nodes.iter_mut().for_each(|g| g.sort_unstable());
+            for group in rectangles(&seen.side.posed, &still) {
+                if !nodes.contains(&group) {
+                    nodes.push(group);
+                }
+            }
+        }
+        let size = |g: &Vec<usize>| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum();
+        nodes.retain(|g| enough(size(g), analysis.points.len()));
+        Ok(Self { index, seen, classes, walled, doubt, odds, nodes, groups: Vec::new(), promises: Vec::new() })
+    }
+
+    /// With the groups that are parts.
+    fn of(analyses: &'a [Analysis], plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+        let mut first = Self::asked(analyses, plain)?;
+        let analysis = &analyses[first.index];
+        if first.nodes.is_empty() {
+            return Ok(first);
+        }
+        let odds = Network::new(plain).masks(first.rows(analysis))?;
+        let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
+        let promises: Vec<[f64; 2]> = (0..first.nodes.len()).map(|k| [0, 1].map(|c| likely(odds[(k, c)]))).collect();
+        for k in chosen(&first.nodes, &promises) {
+            first.groups.push(first.nodes[k].clone());
+            first.promises.push(promises[k]);
+        }
+        Ok(first)
+    }
+
+    /// What is asked about groups.
+    fn rows(&self, analysis: &Analysis) -> Matrix {
+        let known = Known { odds: &self.odds, classes: &self.classes, points: &sizes(analysis) };
+        mask::rows(&self.seen.side.posed, &self.nodes, &known)
     }
 
     /// What is thought of the parts.
@@ -250,13 +285,16 @@ impl<'a> First<'a> {
     }
 
     /// The part of each point, after points near parts were asked about.
-    fn label(&self, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<Vec<Option<u32>>, ModellingError> {
+    fn label(&self, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<(Vec<Option<u32>>, Expected), ModellingError> {
         let (before, asked) = self.ask(analysis);
         if asked.of.is_empty() {
-            return Ok(before);
+            let expected = expected(&before, &before, &asked, &[], self.groups.len());
+            return Ok((before, expected));
         }
         let odds = Network::new(plain).border(asked.rows.clone())?;
-        Ok(relabelled(&before, &asked, odds.as_slice()))
+        let after = relabelled(&before, &asked, odds.as_slice());
+        let expected = expected(&before, &after, &asked, odds.as_slice(), self.groups.len());
+        Ok((after, expected))
     }
 }
 
@@ -311,6 +349,118 @@ impl Borders {
     }
 }
 
+/// Groups of superpoints that may be parts, and what is asked about them, for training.
+pub struct Groups {
+    /// One row of features a group.
+    pub rows: Matrix,
+    /// The superpoints of each.
+    pub of: Vec<Vec<usize>>,
+    /// Of each input point its superpoint.
+    pub piece_of_input: Vec<Option<u32>>,
+}
+
+impl Groups {
+    /// Of a cloud.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let first = First::asked(&analyses, &mut Plain { weights: &weights.matrices })?;
+        let analysis = &analyses[first.index];
+        let of = first.nodes.clone();
+        Ok(Self { rows: first.rows(analysis), of, piece_of_input: analysis.piece_of_input() })
+    }
+}
+
+/// Parts whose points are known.
+struct Ended {
+    /// The analysis, its superpoints split where parts end.
+    fine: Analysis,
+    /// Of each part that is left its superpoints before they were split, and after, and its classes.
+    groups: Vec<Vec<usize>>,
+    pieces: Vec<Vec<usize>>,
+    share: Vec<[f64; CLASSES]>,
+    /// Of each point its part, 0 the body.
+    label: Vec<Option<u32>>,
+    /// What is asked about the body and the parts, how far they are to be trusted.
+    trust: Matrix,
+}
+
+impl Ended {
+    fn of(first: &First<'_>, analysis: &Analysis, plain: &mut Plain<'_>) -> Result<Self, ModellingError> {
+        let (mut label, expected) = first.label(analysis, plain)?;
+        let mut counts = vec![0; first.groups.len() + 1];
+        label.iter().flatten().for_each(|l| counts[*l as usize] += 1);
+        // A part that is left with next to nothing is none. The larger ones first: names count from there.
+        let mut kept: Vec<usize> = (0..first.groups.len()).filter(|g| enough(counts[g + 1], analysis.points.len())).collect();
+        kept.sort_by_key(|g| std::cmp::Reverse(counts[g + 1]));
+        let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
+        label.iter_mut().flatten().for_each(|l| *l = number(*l));
+        let groups: Vec<Vec<usize>> = kept.iter().map(|g| first.groups[*g].clone()).collect();
+        let (fine, pieces) = split(analysis, &label, groups.len());
+        let points = sizes(analysis);
+        let share: Vec<[f64; CLASSES]> = groups.iter().map(|own| shares(&first.classes, own, &points)).collect();
+        let trust = trusted(first, analysis, &kept, &label, &expected);
+        Ok(Self { fine, groups, pieces, share, label, trust })
+    }
+}
+
+/// What is known of the body and of the parts that are left.
+fn trusted(first: &First<'_>, analysis: &Analysis, kept: &[usize], label: &[Option<u32>], expected: &Expected) -> Matrix {
+    let points = sizes(analysis);
+    let still = first.still();
+    let taken = |i: &usize| kept.iter().any(|g| first.groups[*g].contains(i));
+    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| !taken(i));
+    let right: f64 = own.iter().map(|i| points[*i] * still[*i]).sum();
+    let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * still[*i]).sum::<f64>();
+    let count = |l: u32| label.iter().filter(|x| **x == Some(l)).count();
+    let mut told = vec![Trusted {
+        number: 0,
+        points: count(0),
+        classes: shares(&first.classes, &own, &points),
+        overlap: right / all.max(1.0),
+        promise: [1.0; 2],
+    }];
+    for (k, g) in kept.iter().enumerate() {
+        let group = &first.groups[*g];
+        told.push(Trusted {
+            number: g + 1,
+            points: count(k as u32 + 1),
+            classes: shares(&first.classes, group, &points),
+            overlap: first.odds.overlap(group, &still, &points),
+            promise: first.promises[*g],
+        });
+    }
+    let moving: f64 = told[1..].iter().map(|t| t.points as f64).sum();
+    if moving > 0.0 {
+        told[0].promise = [0, 1].map(|c| told[1..].iter().map(|t| t.points as f64 * t.promise[c]).sum::<f64>() / moving);
+    }
+    trust::rows(analysis, &told, expected)
+}
+
+/// What is asked about parts in the end, for training.
+pub struct Ends {
+    /// Of the body and each part a row of features, how far it is to be trusted.
+    pub trust: Matrix,
+    /// Of each input point its part from 1; 0 the body.
+    pub label_of_input: Vec<Option<u32>>,
+}
+
+impl Ends {
+    /// Of a cloud.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let mut plain = Plain { weights: &weights.matrices };
+        let first = First::of(&analyses, &mut plain)?;
+        let analysis = &analyses[first.index];
+        let ended = Ended::of(&first, analysis, &mut plain)?;
+        let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
+        Ok(Self { trust: ended.trust, label_of_input })
+    }
+}
+
 /// What was decided of a cloud.
 pub(crate) struct Decided {
     /// The analysis that it went on from, its superpoints split where parts end.
@@ -325,35 +475,20 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut plain = Plain { weights: &weights.matrices };
     let first = First::of(analyses, &mut plain)?;
     let analysis = &analyses[first.index];
-    let mut label = first.label(analysis, &mut plain)?;
+    let Ended { fine, groups, pieces, share, label, trust } = Ended::of(&first, analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
-    let mut counts = vec![0; first.groups.len() + 1];
-    label.iter().flatten().for_each(|l| counts[*l as usize] += 1);
-    // A part that is left with next to nothing is none. The larger ones first: names count from there.
-    let mut kept: Vec<usize> = (0..first.groups.len()).filter(|g| enough(counts[g + 1], analysis.points.len())).collect();
-    kept.sort_by_key(|g| std::cmp::Reverse(counts[g + 1]));
-    let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
-    label.iter_mut().flatten().for_each(|l| *l = number(*l));
-    let groups: Vec<Vec<usize>> = kept.iter().map(|g| first.groups[*g].clone()).collect();
-    let (fine, pieces) = split(analysis, &label, groups.len());
-    let points = sizes(analysis);
-    let of_body = first.still();
+    let trust = network.trust(trust)?;
+    let confidence = |k: usize| 1.0 / (1.0 + f64::from(-trust[k]).exp());
     let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
         let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
-        for (g, own) in groups.iter().enumerate() {
-            let confidence = first.odds.overlap(own, &of_body, &points);
-            let share = shares(&first.classes, own, &points);
-            let part = moving_part(&side, share, &pieces[g], &candidates[g], &out, g * CANDIDATES);
-            parts.push(Moving { confidence, ..part });
+        for g in 0..groups.len() {
+            let part = moving_part(&side, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
+            parts.push(Moving { confidence: confidence(g + 1), ..part });
         }
     }
-    let taken = |i: &usize| groups.iter().any(|g| g.contains(i));
-    let (own, lacking): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| !taken(i));
-    let right: f64 = own.iter().map(|i| points[*i] * of_body[*i]).sum();
-    let all = own.iter().map(|i| points[*i]).sum::<f64>() + lacking.iter().map(|i| points[*i] * of_body[*i]).sum::<f64>();
-    let body_confidence = right / all.max(1.0);
+    let body_confidence = confidence(0);
     let decision = Decision { parts, body_confidence, doubt: first.doubt, walled: first.walled, front: side.front() };
     drop(side);
     Ok(Decided { analysis: fine, label, decision })

@@ -3,76 +3,90 @@
 use crate::ModellingError;
 use crate::network::Matrix;
 
-/// Log-odds that a moving piece and any piece are of one part.
+/// Log-odds below which groups are never joined.
+const UNLIKE: f64 = -6.0;
+
+/// Log-odds that two pieces are of one part.
 pub(crate) struct Odds {
-    /// The moving pieces.
-    moving: Vec<usize>,
-    /// One row a moving piece, one column a piece.
     of: Matrix,
 }
 
 impl Odds {
-    /// Asks about all pairs of a moving piece and one of the `n`; `ask` answers pairs `(i, j)` with a row each.
-    pub(crate) fn asked(
-        moving: Vec<usize>,
-        n: usize,
-        mut ask: impl FnMut(&[(usize, usize)]) -> Result<Matrix, ModellingError>,
-    ) -> Result<Self, ModellingError> {
-        let row: Vec<Option<usize>> = (0..n).map(|i| moving.iter().position(|a| *a == i)).collect();
-        let twice = |a: usize, i: usize| row[i].is_some_and(|b| b <= a);
-        let pairs: Vec<(usize, usize)> =
-            (0..moving.len()).flat_map(|a| (0..n).map(move |i| (a, i))).filter(|(a, i)| !twice(*a, *i)).collect();
-        let mut of = Matrix::zeros(moving.len(), n);
+    /// Asks about all pairs of `n` pieces; `ask` answers pairs `(i, j)` with a row each.
+    pub(crate) fn asked(n: usize, ask: impl FnOnce(&[(usize, usize)]) -> Result<Matrix, ModellingError>) -> Result<Self, ModellingError> {
+        let pairs: Vec<(usize, usize)> = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
+        let mut of = Matrix::zeros(n, n);
         if !pairs.is_empty() {
-            // In ascending order, as in training.
-            let asked: Vec<(usize, usize)> = pairs.iter().map(|(a, i)| (moving[*a].min(*i), moving[*a].max(*i))).collect();
-            let answers = ask(&asked)?;
-            for (k, (a, i)) in pairs.into_iter().enumerate() {
-                of[(a, i)] = answers[k];
-                if let Some(b) = row[i] {
-                    of[(b, moving[a])] = answers[k];
-                }
+            let answers = ask(&pairs)?;
+            for (k, (i, j)) in pairs.into_iter().enumerate() {
+                of[(i, j)] = answers[k];
+                of[(j, i)] = answers[k];
             }
         }
-        Ok(Self { moving, of })
+        Ok(Self { of })
     }
 
-    /// Groups of moving pieces: the two groups of greatest mean log-odds are joined while those are positive. `points` of every piece.
-    pub(crate) fn groups(&self, points: &[f64]) -> Vec<Vec<usize>> {
-        let m = self.moving.len();
-        let weight: Vec<f64> = self.moving.iter().map(|i| points[*i].sqrt()).collect();
-        let mut groups: Vec<Vec<usize>> = (0..m).map(|a| vec![a]).collect();
+    /// All groups that come of joining, again and again, the two groups of greatest mean log-odds; first the single pieces. `points` of every
+    /// piece.
+    pub(crate) fn tree(&self, moving: &[usize], points: &[f64]) -> Vec<Vec<usize>> {
+        let m = moving.len();
+        let weight: Vec<f64> = moving.iter().map(|i| points[*i].sqrt()).collect();
+        let mut nodes: Vec<Vec<usize>> = moving.iter().map(|i| vec![*i]).collect();
+        // Of each group in the making its node, and sums of weighted log-odds and of weights to the others.
+        let mut live: Vec<usize> = (0..m).collect();
+        let mut sums: Vec<Vec<[f64; 2]>> = (0..m)
+            .map(|a| {
+                let to = |b: usize| weight[a] * weight[b];
+                (0..m).map(|b| [to(b) * f64::from(self.of[(moving[a], moving[b])]), to(b)]).collect()
+            })
+            .collect();
         loop {
             let mut best: Option<(f64, usize, usize)> = None;
-            for i in 0..groups.len() {
-                for j in i + 1..groups.len() {
-                    let (mut sum, mut total) = (0.0, 0.0);
-                    for a in &groups[i] {
-                        for b in &groups[j] {
-                            let w = weight[*a] * weight[*b];
-                            sum += w * f64::from(self.of[(*a, self.moving[*b])]);
-                            total += w;
-                        }
-                    }
-                    let mean = sum / total;
-                    if mean > 0.0 && best.is_none_or(|x| mean > x.0) {
+            for (i, row) in sums.iter().enumerate() {
+                for (j, [sum, weight]) in row.iter().enumerate().skip(i + 1) {
+                    let mean = sum / weight.max(1e-12);
+                    if mean > UNLIKE && best.is_none_or(|x| mean > x.0) {
                         best = Some((mean, i, j));
                     }
                 }
             }
             let Some((_, i, j)) = best else { break };
-            let from = groups.swap_remove(j);
-            groups[i].extend(from);
+            nodes.push([nodes[live[i]].clone(), nodes[live[j]].clone()].concat());
+            let added = sums[j].clone();
+            for (k, add) in added.into_iter().enumerate() {
+                sums[i][k][0] += add[0];
+                sums[i][k][1] += add[1];
+                sums[k][i] = sums[i][k];
+            }
+            live[i] = nodes.len() - 1;
+            live.swap_remove(j);
+            sums.swap_remove(j);
+            sums.iter_mut().for_each(|row| {
+                row.swap_remove(j);
+            });
         }
-        groups.into_iter().map(|g| g.into_iter().map(|a| self.moving[a]).collect()).collect()
+        nodes
     }
 
     /// Mean log-odds that a piece is of one part with a group's others; none for a group that has no other.
     pub(crate) fn together(&self, group: &[usize], piece: usize, points: &[f64]) -> Option<f64> {
         let (mut sum, mut total) = (0.0, 0.0);
-        for (a, j) in self.moving.iter().enumerate().filter(|(_, j)| **j != piece && group.contains(j)) {
-            sum += points[*j].sqrt() * f64::from(self.of[(a, piece)]);
+        for j in group.iter().filter(|j| **j != piece) {
+            sum += points[*j].sqrt() * f64::from(self.of[(*j, piece)]);
             total += points[*j].sqrt();
+        }
+        (total > 0.0).then(|| sum / total)
+    }
+
+    /// Mean log-odds of the pairs within a group; none for a single piece.
+    pub(crate) fn within(&self, group: &[usize], points: &[f64]) -> Option<f64> {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (n, i) in group.iter().enumerate() {
+            for j in &group[n + 1..] {
+                let w = (points[*i] * points[*j]).sqrt();
+                sum += w * f64::from(self.of[(*i, *j)]);
+                total += w;
+            }
         }
         (total > 0.0).then(|| sum / total)
     }
@@ -104,18 +118,17 @@ mod tests {
     /// Of four pieces the first is the body; the second and the third belong together.
     fn odds() -> Odds {
         let together = |i: usize, j: usize| (i, j) == (1, 2);
-        Odds::asked(vec![1, 2, 3], 4, |pairs| {
-            Ok(Matrix::from_fn(pairs.len(), 1, |k, _| if together(pairs[k].0, pairs[k].1) { 4.0 } else { -4.0 }))
-        })
-        .unwrap_or(Odds { moving: Vec::new(), of: Matrix::zeros(0, 0) })
+        Odds::asked(4, |pairs| Ok(Matrix::from_fn(pairs.len(), 1, |k, _| if together(pairs[k].0, pairs[k].1) { 4.0 } else { -4.0 })))
+            .unwrap_or(Odds { of: Matrix::zeros(0, 0) })
     }
 
     #[test]
     fn pieces_that_belong_together_are_one_part() {
-        let mut groups = odds().groups(&[100.0; 4]);
-        groups.iter_mut().for_each(|g| g.sort_unstable());
-        groups.sort();
-        assert_eq!(groups, [vec![1, 2], vec![3]]);
+        let tree = odds().tree(&[1, 2, 3], &[100.0; 4]);
+        assert_eq!(tree.len(), 5);
+        // First the two that belong together, then, against all odds, the third.
+        assert!(tree[3].len() == 2 && tree[3].contains(&1) && tree[3].contains(&2));
+        assert_eq!(tree[4].len(), 3);
     }
 
     #[test]

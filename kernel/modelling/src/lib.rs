@@ -5,8 +5,9 @@
 //! the four upright sides is the front is asked of the network. The network ([`network`]) sees superpoints, their points and how
 //! two of them lie to one another, and answers: body, door, drawer, lid or flap; one part or two; and which of a part's few
 //! candidate joints it moves by. Candidates come from geometry: hinges at the two ends of the part's section, slides along its
-//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Each point near a part is
-//! then asked about by itself: superpoints know only such ends of parts as show as gaps ([`perceive()`]).
+//! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Which pieces are one part is
+//! asked of whole groups ([`MASK`]), and each point near a part by itself: superpoints know only such ends of parts as show as gaps. Last
+//! it is asked how far parts are to be trusted ([`perceive()`]).
 //!
 //! After the paper's first stage (Lv et al., "Environment Initial Modeling"): segmentation into K parts, pairwise joint
 //! relation J and its spatial description C, a greedy directed tree. Furniture's parts hang in the body, so the tree's edges lead
@@ -28,25 +29,30 @@ mod ground;
 mod grouping;
 mod handle;
 mod lens;
+mod mask;
 pub mod network;
 mod normal;
 mod perceive;
 mod posed;
 mod prepare;
 mod report;
+mod seam;
 mod side;
 mod solid;
 mod superpoint;
+mod trust;
 mod wall;
 
 pub use analysis::{Analysis, analyse};
 pub use border::BORDER;
 pub use candidate::FARTHEST;
-pub use decide::{Borders, PartClass};
+pub use decide::{Borders, Ends, Groups, PartClass};
 pub use error::ModellingError;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};
 pub use lens::Lens;
+pub use mask::MASK;
 pub use network::Weights;
 pub use perceive::{Perceived, perceive};
 pub use report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 pub use side::{Options, Side};
+pub use trust::TRUST;

@@ -149,14 +149,27 @@ impl Regions {
         grips
     }
 
-    /// All superpoints, largest first, and of each point the one that holds it. `cloud` in A.
-    pub(crate) fn superpoints(&self, cloud: &[Point3<f64>], scale: Scale) -> (Vec<Superpoint>, Vec<Option<u32>>) {
+    /// All superpoints, largest first, and of each point the one that holds it. `cloud` in A; `dense` are all points, each with the one of
+    /// `cloud` that stands for it.
+    pub(crate) fn superpoints(
+        &self,
+        cloud: &[Point3<f64>],
+        dense: &[(Point3<f64>, u32)],
+        scale: Scale,
+    ) -> (Vec<Superpoint>, Vec<Option<u32>>) {
         let mut pieces = Vec::new();
-        let grips = self.grips(cloud, scale);
+        let ground = Ground { cloud, grips: self.grips(cloud, scale), scale };
+        let middle = cloud.iter().map(|p| p.coords).sum::<Vector3<f64>>() / cloud.len().max(1) as f64;
+        let mut own = vec![false; cloud.len()];
         for region in &self.flat {
             let s = Superpoint::of(region.clone(), cloud, true);
             match s.axial {
-                Some(axis) => cut(s, axis, cloud, &grips, scale, 0, &mut pieces),
+                Some(axis) => {
+                    region.iter().for_each(|i| own[*i as usize] = true);
+                    let rays = Rays::of(&s, axis, &own, dense, middle[axis], scale);
+                    region.iter().for_each(|i| own[*i as usize] = false);
+                    cut(s, axis, rays, &ground, 0, &mut pieces);
+                }
                 None => pieces.push(s),
             }
         }
@@ -278,21 +291,62 @@ struct Line {
 const DEEPEST: usize = 10;
 const FEWEST: usize = 40;
 
+/// All points that are told of a piece: those that it holds, and those that are seen behind it.
+struct Rays {
+    flat: Vec<Point3<f64>>,
+    back: Vec<Point3<f64>>,
+}
+
+/// How far behind a piece points are that were seen through a gap in it, m.
+const BEHIND: f64 = 0.12;
+
+impl Rays {
+    /// `own` says which thinned points the piece holds; `middle` is where the object's is along the axis.
+    fn of(piece: &Superpoint, axis: usize, own: &[bool], dense: &[(Point3<f64>, u32)], middle: f64, scale: Scale) -> Self {
+        let out = if piece.center[axis] > middle { 1.0 } else { -1.0 };
+        let least = (3.0 * scale.noise).max(0.006);
+        let within = |p: &Point3<f64>| (0..3).all(|k| k == axis || (p[k] > piece.low[k] && p[k] < piece.high[k]));
+        let mut rays = Self { flat: Vec::new(), back: Vec::new() };
+        for (p, of) in dense {
+            if own[*of as usize] {
+                rays.flat.push(*p);
+            } else if within(p) && (least..BEHIND).contains(&((piece.center[axis] - p[axis]) * out)) {
+                rays.back.push(*p);
+            }
+        }
+        rays
+    }
+
+    fn parted(self, below: &impl Fn(&Point3<f64>) -> bool) -> [Self; 2] {
+        let (flat, above) = self.flat.into_iter().partition(below);
+        let (back, back_above) = self.back.into_iter().partition(below);
+        [Self { flat, back }, Self { flat: above, back: back_above }]
+    }
+}
+
+/// What all pieces of a cloud share.
+struct Ground<'a> {
+    cloud: &'a [Point3<f64>],
+    grips: Vec<Grip>,
+    scale: Scale,
+}
+
 /// Cuts a flat piece along the line for which most speaks, again and again. Cuts in vain cost little: which pieces are one part is asked
 /// of the network, and it is told what spoke for each cut. A cut that is not made is a part that nobody can find any more.
-fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], scale: Scale, depth: usize, out: &mut Vec<Superpoint>) {
+fn cut(piece: Superpoint, axis: usize, rays: Rays, ground: &Ground<'_>, depth: usize, out: &mut Vec<Superpoint>) {
+    let Ground { cloud, scale, .. } = ground;
     let along = [(axis + 1) % 3, (axis + 2) % 3];
     let mut best: Option<(usize, Line)> = None;
     if depth < DEEPEST && piece.points.len() >= FEWEST {
         for (side, k) in along.into_iter().enumerate() {
-            if let Some(line) = line(&piece, k, along[1 - side], axis, cloud, scale, None)
+            if let Some(line) = line(&piece, k, along[1 - side], axis, &rays, *scale, None)
                 && best.is_none_or(|b| line.sure > b.1.sure)
             {
                 best = Some((side, line));
             }
         }
         if best.is_none() {
-            best = between_grips(&piece, axis, cloud, grips, scale);
+            best = between_grips(&piece, axis, &rays, &ground.grips, *scale);
         }
     }
     let Some((side, line)) = best else {
@@ -300,11 +354,9 @@ fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], sc
         return;
     };
     let k = along[side];
-    let (below, above): (Vec<u32>, Vec<u32>) = piece.points.iter().partition(|i| {
-        let p = cloud[**i as usize];
-        p[k] < line.at + line.lean * (p[along[1 - side]] - line.middle)
-    });
-    for (points, end) in [(below, 1), (above, 0)] {
+    let is_below = |p: &Point3<f64>| p[k] < line.at + line.lean * (p[along[1 - side]] - line.middle);
+    let (below, above): (Vec<u32>, Vec<u32>) = piece.points.iter().partition(|i| is_below(&cloud[**i as usize]));
+    for ((points, end), rays) in [(below, 1), (above, 0)].into_iter().zip(rays.parted(&is_below)) {
         let mut part = Superpoint::of(points, cloud, true);
         part.normal = piece.normal;
         part.axial = Some(axis);
@@ -313,7 +365,7 @@ fn cut(piece: Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], sc
         part.sides[2 * side + end] = line.gap;
         // Seen from this side of the line.
         part.steps[2 * side + end] = if end == 1 { line.step } else { -line.step };
-        cut(part, axis, cloud, grips, scale, depth + 1, out);
+        cut(part, axis, rays, ground, depth + 1, out);
     }
 }
 
@@ -336,7 +388,7 @@ struct Grip {
 
 /// Where a piece has two handles one beside the other there are two panels, though no gap be seen: the line between them for which most
 /// speaks, however little that is.
-fn between_grips(piece: &Superpoint, axis: usize, cloud: &[Point3<f64>], grips: &[Grip], scale: Scale) -> Option<(usize, Line)> {
+fn between_grips(piece: &Superpoint, axis: usize, rays: &Rays, grips: &[Grip], scale: Scale) -> Option<(usize, Line)> {
     if axis == 2 {
         return None;
     }
@@ -365,7 +417,7 @@ fn between_grips(piece: &Superpoint, axis: usize, cloud: &[Point3<f64>], grips: 
                 if apart < 0.06 || overlap < -0.03 + 0.3 * shorter || between {
                     continue;
                 }
-                let found = line(piece, k, other, axis, cloud, scale, Some((a.high[k], b.low[k])));
+                let found = line(piece, k, other, axis, rays, scale, Some((a.high[k], b.low[k])));
                 if let Some(found) = found
                     && best.is_none_or(|x| found.sure > x.1.sure)
                 {
@@ -381,15 +433,7 @@ fn between_grips(piece: &Superpoint, axis: usize, cloud: &[Point3<f64>], grips: 
 /// differs from one side of it to the other.
 ///
 /// Within a range, if one is given: there is one then, and little has to speak for it.
-fn line(
-    piece: &Superpoint,
-    k: usize,
-    other: usize,
-    axis: usize,
-    cloud: &[Point3<f64>],
-    scale: Scale,
-    range: Option<(f64, f64)>,
-) -> Option<Line> {
+fn line(piece: &Superpoint, k: usize, other: usize, axis: usize, rays: &Rays, scale: Scale, range: Option<(f64, f64)>) -> Option<Line> {
     let (least_gap, least) = if range.is_some() { (0.08, 1.2) } else { (MISSING, GAP) };
     // Bins a third as wide as what is looked at together, so that no gap falls between two.
     const FINE: usize = 3;
@@ -408,17 +452,19 @@ fn line(
         // Running sums of points and of depths.
         let mut counts = vec![0.0_f64; bins + 1];
         let mut depths = vec![0.0_f64; bins + 1];
-        for i in &piece.points {
-            let p = cloud[*i as usize];
-            let c = (p[k] - low - lean * (p[other] - middle)) / bin;
-            if c >= 0.0 && c < bins as f64 {
+        let mut backs = vec![0.0_f64; bins + 1];
+        let bin_of = |p: &Point3<f64>| Some((p[k] - low - lean * (p[other] - middle)) / bin).filter(|c| *c >= 0.0 && *c < bins as f64);
+        for p in &rays.flat {
+            if let Some(c) = bin_of(p) {
                 counts[c as usize + 1] += 1.0;
                 depths[c as usize + 1] += p[axis] - piece.center[axis];
             }
         }
+        rays.back.iter().filter_map(bin_of).for_each(|c| backs[c as usize + 1] += 1.0);
         for b in 0..bins {
             counts[b + 1] += counts[b];
             depths[b + 1] += depths[b];
+            backs[b + 1] += backs[b];
         }
         let within = |sums: &[f64], from: usize, to: usize| sums[to.min(bins)] - sums[from.min(bins)];
         let mut sample: Vec<f64> = Vec::new();
@@ -444,7 +490,14 @@ fn line(
             let ground = below.0.min(above.0);
             let gap = (ground - here) / ground.max(1.0);
             let uneven = 1.5 * if below.0 < above.0 { below.1 } else { above.1 };
-            let sure = (ground - here) / ground.max(1.0).sqrt().max(uneven);
+            let missing = (ground - here) / ground.max(1.0).sqrt().max(uneven);
+            // What is seen behind it, against the same beside it.
+            let back = within(&backs, b, b + FINE);
+            let beside = |from: usize, to: usize| within(&backs, from, to) * FINE as f64 / (to.min(bins).max(from + 1) - from) as f64;
+            let usual = beside(b.saturating_sub(window), b.saturating_sub(1)).max(beside(b + FINE + 1, b + FINE + 1 + window));
+            let through = if ground < 1.0 { 0.0 } else { ((back - usual) / (usual + 1.0).sqrt()).max(0.0) };
+            let gap = gap.max(if through > 1.0 { ((back - usual) / ground.max(1.0)).min(1.0) } else { 0.0 });
+            let sure = if missing > 0.0 { missing.hypot(through) } else { through };
             let at = low + (b as f64 + 0.5 * FINE as f64) * bin;
             if range.is_some_and(|r| at < r.0 || at > r.1) {
                 continue;

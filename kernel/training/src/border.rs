@@ -1,7 +1,7 @@
 //! Teaches where parts end: the head that is asked about single points, on what the networks before it make of fresh furniture. Those stay
 //! as they are.
 //!
-//! A part that was found is taken for the true part that it overlaps most. One that overlaps none by half teaches nothing.
+//! A part that was found is taken for the true part that it overlaps most. One that overlaps none by as much as [`LEAST`] teaches nothing.
 
 use std::collections::BTreeMap;
 
@@ -20,6 +20,8 @@ use crate::{Settings, TrainingError};
 /// no answer becomes likelier.
 const ANY: usize = 100;
 const DOUBTFUL: usize = 160;
+/// Least overlap of a part with the true one, that it teaches anything.
+const LEAST: f64 = 0.4;
 /// Points a step, for each object of a batch.
 const POINTS: usize = 64;
 
@@ -57,7 +59,7 @@ fn points(seed: u64, index: u64, weights: &Weights) -> Points {
         (0..truth.len()).filter(|i| own(*i)).for_each(|i| *both.entry(truth[i]).or_default() += 1.0);
         let Some((part, common)) = both.iter().filter(|x| *x.0 > 0).max_by(|a, b| a.1.total_cmp(b.1)) else { continue };
         let either = (0..truth.len()).filter(|i| own(*i) || truth[*i] == *part).count() as f64;
-        if *common < 0.5 * either {
+        if *common < LEAST * either {
             continue;
         }
         let mut all: Vec<usize> = (0..asked.of.len()).filter(|r| asked.of[*r].1 == g).collect();

@@ -11,7 +11,9 @@ mod border;
 mod initial;
 mod lesson;
 mod loss;
+mod mask;
 mod tape;
+mod trust;
 
 use std::collections::BTreeMap;
 
@@ -24,6 +26,8 @@ use serde::Serialize;
 pub use border::train_border;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
+pub use mask::train_masks;
+pub use trust::train_trust;
 
 /// What a training run is made by.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

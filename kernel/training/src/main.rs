@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use sagci_modelling::Weights;
-use sagci_training::{Settings, lessons, train, train_border};
+use sagci_training::{Settings, lessons, train, train_border, train_masks, train_trust};
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
 #[derive(Debug, Parser)]
@@ -33,9 +33,10 @@ struct Arguments {
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// Trains nothing but the head that says where parts end, anew.
+    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end, and
+    /// what is to be trusted.
     #[arg(long, requires = "from")]
-    border: bool,
+    heads: bool,
     /// Weights to go on from.
     #[arg(long, value_name = "FILE")]
     from: Option<PathBuf>,
@@ -45,8 +46,8 @@ struct Arguments {
 }
 
 /// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the
-/// first. All but the last were run before clouds were thinned or families drawn as they are now; `world-models/perception/README.md` says
-/// how the last went on from there.
+/// first. They were run before clouds were thinned and cut, or families drawn, as they are now; `world-models/perception/README.md` says how
+/// the last heads went on from there.
 const ROUNDS: [Settings; 7] = [
     Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 },
     Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3, kept: 0.0 },
@@ -57,8 +58,10 @@ const ROUNDS: [Settings; 7] = [
     Settings { seed: 8, objects: 8000, epochs: 4, batch: 16, rate: 8e-4, kept: 0.3 },
 ];
 
-/// The head that says where parts end comes last, on what all others make of fresh objects: after every round it is trained anew.
+/// These heads come last, one after the other, each on what all before it make of fresh objects: after every round they are trained anew.
+const MASKS: Settings = Settings { seed: 31, objects: 1500, epochs: 12, batch: 16, rate: 2e-3, kept: 0.0 };
 const BORDER: Settings = Settings { seed: 21, objects: 1000, epochs: 5, batch: 16, rate: 3e-3, kept: 0.0 };
+const TRUST: Settings = Settings { seed: 41, objects: 1500, epochs: 12, batch: 16, rate: 2e-3, kept: 0.0 };
 
 impl Arguments {
     /// Was none of the settings given?
@@ -79,9 +82,9 @@ impl Arguments {
         }
     }
 
-    /// The rounds that are asked for, the last head apart.
+    /// The rounds that are asked for, the last heads apart.
     fn rounds(&self) -> Vec<Settings> {
-        match (self.border, self.from.is_none() && self.plain()) {
+        match (self.heads, self.from.is_none() && self.plain()) {
             (true, _) => Vec::new(),
             (false, true) => ROUNDS.to_vec(),
             (false, false) => vec![self.settings(ROUNDS[0])],
@@ -124,9 +127,11 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
         eprintln!("{}: {} bytes", a.out.display(), bytes.len());
         weights = Some(trained);
     }
-    if let (true, Some(from)) = (a.border || a.from.is_none() && a.plain(), &weights) {
-        let made =
-            train_border(&a.settings(BORDER), from, &mut |line| eprintln!("{:6.0} s  border: {line}", start.elapsed().as_secs_f64()))?;
+    if let (true, Some(from)) = (a.heads || a.from.is_none() && a.plain(), weights) {
+        let mut log = |line: &str| eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
+        let mut made = train_masks(&a.settings(MASKS), &from, &mut log)?;
+        made = train_border(&a.settings(BORDER), &made, &mut log)?;
+        made = train_trust(&a.settings(TRUST), &made, &mut log)?;
         std::fs::write(&a.out, made.to_bytes()?)?;
     }
     Ok(())

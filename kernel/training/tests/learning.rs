@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use sagci_modelling::network::{Matrix, Weights};
-use sagci_training::{Settings, judge, learn, lessons, train, train_border};
+use sagci_training::{Settings, TrainingError, judge, learn, lessons, train, train_border, train_masks, train_trust};
 
 const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
 
@@ -48,19 +48,26 @@ fn gradients_agree_with_central_differences() {
 }
 
 #[test]
-fn the_border_head_learns_beside_weights_that_stay_and_repeats_to_the_bit() {
+fn the_last_heads_learn_beside_weights_that_stay_and_repeat_to_the_bit() {
+    type Train = dyn Fn(&Settings, &Weights, &mut dyn FnMut(&str)) -> Result<Weights, TrainingError>;
     let shipped = Weights::shipped().unwrap();
     let settings = Settings { objects: 12, epochs: 8, ..SETTINGS };
-    let mut losses: Vec<f64> = Vec::new();
-    let mut run = || {
-        let mut told = |line: &str| losses.extend(line.split_whitespace().nth(3).and_then(|x| x.parse::<f64>().ok()));
-        train_border(&settings, &shipped, &mut told).unwrap()
-    };
-    let (first, again) = (run(), run());
-    assert_eq!(first.to_bytes().unwrap(), again.to_bytes().unwrap());
-    assert!(losses[settings.epochs - 1] < 0.7 * losses[0], "{losses:?}");
-    for (name, before) in &shipped.matrices {
-        assert_eq!(*before == first.matrices[name], !name.starts_with("border."), "{name}");
+    let heads: [(&str, &Train); 3] = [("border.", &train_border), ("mask.", &train_masks), ("trust.", &train_trust)];
+    for (own, train) in heads {
+        let mut losses: Vec<f64> = Vec::new();
+        let mut run = || {
+            let number = |line: &str| line.split_once("loss ").and_then(|x| x.1.split_whitespace().next()?.parse::<f64>().ok());
+            let mut told = |line: &str| losses.extend(number(line));
+            train(&settings, &shipped, &mut told).unwrap()
+        };
+        let (first, again) = (run(), run());
+        assert_eq!(first.to_bytes().unwrap(), again.to_bytes().unwrap());
+        let last = settings.epochs - 1;
+        assert!(losses[last] < 0.8 * losses[0], "{own:?} {losses:?}");
+        for (name, before) in &shipped.matrices {
+            let learned = name.starts_with(own);
+            assert_eq!(*before == first.matrices[name], !learned, "{name}");
+        }
     }
 }
 

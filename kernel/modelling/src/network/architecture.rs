@@ -5,6 +5,8 @@ use super::algebra::{Algebra, Matrix};
 use crate::ModellingError;
 use crate::border::BORDER;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
+use crate::mask::MASK;
+use crate::trust::TRUST;
 
 /// Width of a superpoint's state.
 const WIDTH: usize = 64;
@@ -120,6 +122,25 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.hidden("border.1", &given, BORDER, 40)?;
         let x = self.hidden("border.2", &x, 40, 24)?;
         self.linear("border.3", &x, 24, 1)
+    }
+
+    /// Log-odds that groups of superpoints overlap a true part by half and by three quarters: a row of [`MASK`] features each.
+    ///
+    /// Errors: as [`Self::trunk`].
+    pub fn masks(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
+        let given = self.algebra.input(rows);
+        let x = self.hidden("mask.1", &given, MASK, 64)?;
+        let x = self.hidden("mask.2", &x, 64, 32)?;
+        self.linear("mask.3", &x, 32, 2)
+    }
+
+    /// Log-odds that parts' points overlap a true part's by three quarters: a row of [`TRUST`] features each.
+    ///
+    /// Errors: as [`Self::trunk`].
+    pub fn trust(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
+        let given = self.algebra.input(rows);
+        let x = self.hidden("trust.1", &given, TRUST, 24)?;
+        self.linear("trust.2", &x, 24, 1)
     }
 
     /// Log-odds that x is the front.
