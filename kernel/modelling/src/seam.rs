@@ -260,7 +260,8 @@ mod tests {
     fn a_gap_narrower_than_points_are_apart_is_told_by_what_lies_behind_it() {
         let plain = inside(&panel(|_, _| Some(0.0)));
         // One ray in four that meets the gap enters it.
-        let gap = inside(&panel(|u, v| Some(if (0.24..0.244).contains(&u) && (v * 200.0) as usize % 2 == 0 { -0.03 } else { 0.0 })));
+        let gap =
+            inside(&panel(|u, v| Some(if (0.24..0.244).contains(&u) && ((v * 200.0) as usize).is_multiple_of(2) { -0.03 } else { 0.0 })));
         assert!(gap[0] > 0.5 && gap[5] > 0.3, "{gap:?}");
         assert!(plain[0] < 0.5 * gap[0] && plain[5] < 0.1, "{plain:?}");
     }

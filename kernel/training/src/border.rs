@@ -7,13 +7,11 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use sagci_furniture::Random;
-use sagci_modelling::network::{Matrix, Network, Weights};
-use sagci_modelling::{BORDER, Borders, ModellingError};
+use sagci_modelling::network::Weights;
+use sagci_modelling::{BORDER, Borders};
 
-use crate::adam::Adam;
-use crate::initial::Initial;
+use crate::head::{Head, Rows, train_head};
 use crate::lesson::drawn;
-use crate::tape::Tape;
 use crate::{Settings, TrainingError};
 
 /// Points of a part that are learned from: any, and such whose neighbours are not of one mind. Which they are depends on features alone, so
@@ -25,24 +23,10 @@ const LEAST: f64 = 0.4;
 /// Points a step, for each object of a batch.
 const POINTS: usize = 64;
 
-/// Rows of features, and of each whether the point is the part's.
-#[derive(Default)]
-struct Points {
-    rows: Vec<f32>,
-    own: Vec<bool>,
-}
-
-impl Points {
-    fn gather(&self, at: &[usize]) -> (Matrix, Vec<bool>) {
-        let rows = Matrix::from_fn(at.len(), BORDER, |i, k| self.rows[at[i] * BORDER + k]);
-        (rows, at.iter().map(|i| self.own[*i]).collect())
-    }
-}
-
 /// What an object teaches.
-fn points(seed: u64, index: u64, weights: &Weights) -> Points {
+fn points(seed: u64, index: u64, weights: &Weights) -> Rows<BORDER, 1> {
     let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "border");
-    let mut out = Points::default();
+    let mut out = Rows::default();
     let (_, cloud, _) = drawn(seed, index, false);
     let Ok(asked) = Borders::of(&cloud.points, weights) else { return out };
     // The true part of each thinned point: that of most of the points that it stands for.
@@ -67,77 +51,17 @@ fn points(seed: u64, index: u64, weights: &Weights) -> Points {
         let some = all.iter().copied().take(ANY);
         let hard = all.iter().copied().skip(ANY).filter(|r| asked.doubtful[*r]).take(DOUBTFUL);
         for r in some.chain(hard) {
-            out.rows.extend(asked.rows.row(r).iter());
-            out.own.push(truth[asked.of[r].0 as usize] == *part);
+            out.features.extend(asked.rows.row(r).iter());
+            out.answers.push([f32::from(u8::from(truth[asked.of[r].0 as usize] == *part))]);
         }
     }
     out
-}
-
-/// Mean loss and share of right answers; gradients are added.
-fn learn(
-    weights: &BTreeMap<String, Matrix>,
-    (rows, own): (Matrix, Vec<bool>),
-    gradients: Option<&mut BTreeMap<String, Matrix>>,
-) -> Result<[f64; 2], ModellingError> {
-    let mut tape = Tape::new(weights);
-    let at = Network::new(&mut tape).border(rows)?;
-    let n = own.len().max(1) as f32;
-    let mut score = [0.0; 2];
-    let d = Matrix::from_fn(own.len(), 1, |i, _| {
-        let p = 1.0 / (1.0 + (-tape.value(at)[i]).exp());
-        score[0] -= f64::from((if own[i] { p } else { 1.0 - p }).max(1e-9).ln() / n);
-        score[1] += f64::from(u8::from((p > 0.5) == own[i])) / f64::from(n);
-        (p - f32::from(u8::from(own[i]))) / n
-    });
-    if let Some(gradients) = gradients {
-        tape.back(&[(at, d)], gradients);
-    }
-    Ok(score)
 }
 
 /// Trains the head anew, beside weights that stay; `log` is told of every epoch. The last tenth of the points is only looked at.
 ///
 /// Errors: no point to learn from; weights that do not fit.
 pub fn train_border(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
-    let taught: Vec<Points> = (0..settings.objects).into_par_iter().map(|i| points(settings.seed, i, from)).collect();
-    let mut all = Points::default();
-    for t in taught {
-        all.rows.extend(t.rows);
-        all.own.extend(t.own);
-    }
-    let learned = all.own.len() - all.own.len() / 10;
-    if learned == all.own.len() {
-        return Err(TrainingError::NoLessons { objects: settings.objects });
-    }
-    let fresh: Vec<usize> = (learned..all.own.len()).collect();
-    let mut initial = Initial::new(settings.seed);
-    Network::new(&mut initial).border(Matrix::zeros(0, 0))?;
-    let mut weights = initial.weights;
-    let batch = (settings.batch * POINTS).max(1);
-    let mut adam = Adam::new(settings.epochs * learned.div_ceil(batch), settings.rate);
-    let mut random = Random::new(settings.seed, "border order");
-    let mut order: Vec<usize> = (0..learned).collect();
-    let mut lines = Vec::new();
-    for epoch in 0..settings.epochs {
-        random.shuffle(&mut order);
-        let mut total = [0.0; 3];
-        for chunk in order.chunks(batch) {
-            let mut gradients = BTreeMap::new();
-            let score = learn(&weights, all.gather(chunk), Some(&mut gradients))?;
-            let n = chunk.len() as f64;
-            total = [total[0] + n * score[0], total[1] + n * score[1], total[2] + n];
-            adam.step(&mut weights, &gradients, 1.0);
-        }
-        let seen = learn(&weights, all.gather(&fresh), None)?;
-        let [loss, right] = [total[0] / total[2], total[1] / total[2]];
-        let line = format!("epoch {:3}  loss {loss:.4}  right {right:.4}  fresh  loss {:.4}  right {:.4}", epoch + 1, seen[0], seen[1]);
-        log(&line);
-        lines.push(line);
-    }
-    let mut made = Weights { matrices: from.matrices.clone(), made_by: String::new() };
-    made.matrices.extend(weights);
-    let before: serde_json::Value = serde_json::from_str(&from.made_by)?;
-    made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "head": "border", "log": lines, "from": before }))?;
-    Ok(made)
+    let taught = (0..settings.objects).into_par_iter().map(|i| points(settings.seed, i, from)).collect();
+    train_head(Head::Border, settings, POINTS, taught, from, log)
 }

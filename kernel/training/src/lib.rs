@@ -8,6 +8,7 @@
 
 mod adam;
 mod border;
+mod head;
 mod initial;
 mod lesson;
 mod loss;

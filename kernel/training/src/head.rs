@@ -1,0 +1,156 @@
+//! Trains a head that is asked after all others, beside weights that stay: rows of features, and of each what is to be answered, by the cross
+//! entropy of both.
+
+use std::collections::BTreeMap;
+
+use sagci_furniture::Random;
+use sagci_modelling::ModellingError;
+use sagci_modelling::network::{Algebra, Matrix, Network, Weights};
+
+use crate::adam::Adam;
+use crate::initial::Initial;
+use crate::tape::Tape;
+use crate::{Settings, TrainingError};
+
+/// A head of the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Head {
+    /// Which groups of pieces are parts.
+    Masks,
+    /// Where parts end.
+    Border,
+    /// How far parts are to be trusted.
+    Trust,
+}
+
+impl Head {
+    /// Its weights' names begin so.
+    fn word(self) -> &'static str {
+        match self {
+            Self::Masks => "mask",
+            Self::Border => "border",
+            Self::Trust => "trust",
+        }
+    }
+
+    /// What the order of its rows is drawn by, beside the seed.
+    fn order(self) -> &'static str {
+        match self {
+            Self::Masks => "mask order",
+            Self::Border => "border order",
+            Self::Trust => "trust",
+        }
+    }
+
+    fn pass<A: Algebra>(self, network: &mut Network<'_, A>, rows: Matrix) -> Result<A::Value, ModellingError> {
+        match self {
+            Self::Masks => network.masks(rows),
+            Self::Border => network.border(rows),
+            Self::Trust => network.trust(rows),
+        }
+    }
+}
+
+/// Rows of `F` features one behind the other, and of each `N` answers, from 0 to 1.
+#[derive(Debug)]
+pub(crate) struct Rows<const F: usize, const N: usize> {
+    pub features: Vec<f32>,
+    pub answers: Vec<[f32; N]>,
+}
+
+impl<const F: usize, const N: usize> Default for Rows<F, N> {
+    fn default() -> Self {
+        Self { features: Vec::new(), answers: Vec::new() }
+    }
+}
+
+impl<const F: usize, const N: usize> Rows<F, N> {
+    fn gather(&self, at: &[usize]) -> (Matrix, Vec<[f32; N]>) {
+        let rows = Matrix::from_fn(at.len(), F, |i, k| self.features[at[i] * F + k]);
+        (rows, at.iter().map(|i| self.answers[*i]).collect())
+    }
+}
+
+/// What is to be answered where it is asked whether an overlap is more than `asked`: that rises about it, since a hair's breadth makes no
+/// part another.
+pub(crate) fn more_than(asked: f64, overlap: f64) -> f32 {
+    ((overlap - asked) / 0.1 + 0.5).clamp(0.0, 1.0) as f32
+}
+
+/// Mean loss and share of right answers; gradients are added.
+fn learn<const N: usize>(
+    head: Head,
+    weights: &BTreeMap<String, Matrix>,
+    (rows, answers): (Matrix, Vec<[f32; N]>),
+    gradients: Option<&mut BTreeMap<String, Matrix>>,
+) -> Result<[f64; 2], ModellingError> {
+    let mut tape = Tape::new(weights);
+    let at = head.pass(&mut Network::new(&mut tape), rows)?;
+    let n = (N * answers.len()).max(1) as f32;
+    let mut score = [0.0; 2];
+    let d = Matrix::from_fn(answers.len(), N, |i, k| {
+        let t = answers[i][k];
+        let p = 1.0 / (1.0 + (-tape.value(at)[(i, k)]).exp());
+        score[0] -= f64::from((t * p.max(1e-9).ln() + (1.0 - t) * (1.0 - p).max(1e-9).ln()) / n);
+        score[1] += f64::from(u8::from((p > 0.5) == (t > 0.5))) / f64::from(n);
+        (p - t) / n
+    });
+    if let Some(gradients) = gradients {
+        tape.back(&[(at, d)], gradients);
+    }
+    Ok(score)
+}
+
+/// Trains a head anew on what each object teaches, so many rows a step for each object of a batch; `log` is told of every epoch. The last tenth
+/// of the rows is only looked at.
+///
+/// Errors: nothing to learn from; weights that do not fit.
+pub(crate) fn train_head<const F: usize, const N: usize>(
+    head: Head,
+    settings: &Settings,
+    rows_of_object: usize,
+    taught: Vec<Rows<F, N>>,
+    from: &Weights,
+    log: &mut dyn FnMut(&str),
+) -> Result<Weights, TrainingError> {
+    let mut all = Rows::<F, N>::default();
+    for t in taught {
+        all.features.extend(t.features);
+        all.answers.extend(t.answers);
+    }
+    let learned = all.answers.len() - all.answers.len() / 10;
+    if learned == all.answers.len() {
+        return Err(TrainingError::NoLessons { objects: settings.objects });
+    }
+    log(&format!("{}: {} rows", head.word(), all.answers.len()));
+    let fresh: Vec<usize> = (learned..all.answers.len()).collect();
+    let mut initial = Initial::new(settings.seed);
+    head.pass(&mut Network::new(&mut initial), Matrix::zeros(0, 0))?;
+    let mut weights = initial.weights;
+    let batch = (settings.batch * rows_of_object).max(1);
+    let mut adam = Adam::new(settings.epochs * learned.div_ceil(batch), settings.rate);
+    let mut random = Random::new(settings.seed, head.order());
+    let mut order: Vec<usize> = (0..learned).collect();
+    let mut lines = Vec::new();
+    for epoch in 0..settings.epochs {
+        random.shuffle(&mut order);
+        let mut total = [0.0; 3];
+        for chunk in order.chunks(batch) {
+            let mut gradients = BTreeMap::new();
+            let score = learn(head, &weights, all.gather(chunk), Some(&mut gradients))?;
+            let n = chunk.len() as f64;
+            total = [total[0] + n * score[0], total[1] + n * score[1], total[2] + n];
+            adam.step(&mut weights, &gradients, 1.0);
+        }
+        let seen = learn(head, &weights, all.gather(&fresh), None)?;
+        let [loss, right] = [total[0] / total[2], total[1] / total[2]];
+        let line = format!("epoch {:3}  loss {loss:.4}  right {right:.4}  fresh  loss {:.4}  right {:.4}", epoch + 1, seen[0], seen[1]);
+        log(&line);
+        lines.push(line);
+    }
+    let mut made = Weights { matrices: from.matrices.clone(), made_by: String::new() };
+    made.matrices.extend(weights);
+    let before: serde_json::Value = serde_json::from_str(&from.made_by)?;
+    made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "head": head.word(), "log": lines, "from": before }))?;
+    Ok(made)
+}
