@@ -135,10 +135,11 @@ impl<'a> Climb<'a> {
         let gain = best.evidence - here;
         let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(current, scale);
         let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
-        // Where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs together, and
-        // what bends to that is refused for it.
+        // Beside a name, where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs
+        // together, and what bends to that is refused for it. Without any, what hangs together so may be none of the catalogue.
         let mut turn = vec![0];
-        turn.extend(likeliest.iter().take(TRIED).filter_map(|l| {
+        let others = if self.chosen.is_empty() { 0 } else { TRIED };
+        turn.extend(likeliest.iter().take(others).filter_map(|l| {
             candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
         }));
         let mut found = None;
