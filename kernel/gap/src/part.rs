@@ -9,20 +9,19 @@ use crate::memory::Memory;
 use crate::search::Search;
 use crate::trajectory::Trajectory;
 
-/// Errors that tell well enough where to begin, and those that tell how large noises are.
+/// Errors that tell well enough where to begin.
 const ENOUGH: usize = 10_000;
-const ENOUGH_OF_NOISE: usize = 2_500;
 /// Length of a stretch, s: much longer than the filter remembers.
 const STRETCH: f64 = 1.0;
 
 /// Of how many stretches one tells enough, where so many errors are in all.
-fn every(errors: usize, enough: usize) -> usize {
-    (errors as f64 / enough as f64).round() as usize
+fn every(errors: usize) -> usize {
+    (errors as f64 / ENOUGH as f64).round() as usize
 }
 
 /// Stretches that tell enough of the noise; none where that takes all of the data.
 pub(crate) fn stretches(trajectories: &[Trajectory]) -> Option<Vec<Trajectory>> {
-    let every = every(trajectories.iter().map(|t| t.position.len()).sum(), ENOUGH_OF_NOISE);
+    let every = every(trajectories.iter().map(|t| t.position.len()).sum());
     (every > 1).then(|| trajectories.iter().map(|t| t.thinned(STRETCH, every).0).collect())
 }
 
@@ -35,7 +34,7 @@ pub(crate) struct Part {
 impl Search<'_> {
     /// The part by which a search begins; none where all of the data are no more than that.
     pub fn part(&self) -> Option<Part> {
-        let every = every(self.problem.measured(), ENOUGH);
+        let every = every(self.problem.measured());
         if !self.many_joints() || every < 2 {
             return None;
         }
