@@ -49,7 +49,7 @@ const THRESHOLDS: [f64; 6] = [0.003, 0.01, 0.02, 0.05, 0.1, 0.2];
 /// Ridge, as a share of a column's square: terms that a short range cannot tell apart share their force.
 const RIDGE: f64 = 1e-5;
 /// Passes. The first takes the terms along the motion of a model that lacks them, which lags behind the data; the next along one that has them.
-const PASSES: usize = 3;
+const PASSES: usize = 4;
 /// Joints that the regression looks at: the worst ones.
 const MOST: usize = 3;
 

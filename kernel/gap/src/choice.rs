@@ -6,7 +6,7 @@ use sagci_dynamics::effects::{self, Acts};
 use sagci_model::JointKind;
 
 use crate::fit::Fit;
-use crate::hypothesis::Knob;
+use crate::hypothesis::{Fitted, Knob, TURN};
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
 use crate::search::{Candidate, FLOOR, Search};
 use crate::weigh::CONVINCING;
@@ -82,8 +82,8 @@ impl Choice {
 /// Do the data say nothing of a number of the last effect? Then it is a plainer one that has the same force, written with more numbers.
 fn idle(fit: &Fit, scale: f64) -> bool {
     let fitted = &fit.hypothesis.fitted;
-    let last = fitted.iter().filter_map(|f| if let Knob::Effect(e, _) = f.knob { Some(e) } else { None }).next_back();
-    fitted.iter().enumerate().any(|(i, f)| matches!(f.knob, Knob::Effect(e, _) if Some(e) == last) && !fit.is_told(i, scale))
+    let last = fitted.iter().filter_map(|f| f.knob.entry()).next_back();
+    fitted.iter().enumerate().any(|(i, f)| last.is_some() && f.knob.entry() == last && !fit.is_told(i, scale))
 }
 
 impl Search<'_> {
@@ -113,6 +113,15 @@ impl Search<'_> {
             let end = |x: f64| fitted.value(x.clamp(low, high));
             let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
             parameters.insert((*name).to_owned(), value);
+        }
+        let turning = hypothesis.fitted.iter().enumerate().filter(|(_, f)| matches!(f.knob, Knob::Turn(e, _) if e == entry));
+        let turning: Vec<(usize, &Fitted)> = turning.collect();
+        if !turning.is_empty() {
+            let turn: Vec<[f64; 2]> = turning
+                .iter()
+                .map(|(i, _)| [hypothesis.x[*i], variances.map_or(f64::INFINITY, |v| v[*i].max(0.0).sqrt()) * NORMAL_95])
+                .collect();
+            parameters.extend(turned(&turn, turning[0].1));
         }
         // A number that no data move stands as it is.
         let side =
@@ -156,6 +165,22 @@ impl Search<'_> {
             runners_up,
         }
     }
+}
+
+/// Angle and direction of a turn, of which each component is known so far: along it that is the angle's, across it, by the angle, the
+/// direction's. A turn that may be none has any direction.
+fn turned(components: &[[f64; 2]], fitted: &Fitted) -> Vec<(String, Value)> {
+    let angle = components.iter().map(|[x, _]| x * x).sum::<f64>().sqrt();
+    let along = |x: f64| if angle > 0.0 { x / angle } else { 0.0 };
+    let most = components.iter().map(|c| c[1]).fold(0.0, f64::max);
+    let of_angle = if angle > 0.0 { components.iter().map(|[x, d]| (along(*x) * d).powi(2)).sum::<f64>().sqrt() } else { most };
+    let value = |value: f64, deviation: f64, [low, high]: [f64; 2], unit: &str| {
+        let [lower, upper] = [(value - deviation).max(low), (value + deviation).min(high)];
+        Value { value, lower, upper, unit: unit.into() }
+    };
+    let directions = components.iter().map(|[x, d]| value(along(*x), if angle > 0.0 { d / angle } else { 2.0 }, [-1.0, 1.0], "1"));
+    let all = std::iter::once(value(angle, of_angle, [0.0, fitted.bounds[1]], fitted.unit)).chain(directions);
+    TURN.iter().map(|name| (*name).to_owned()).zip(all).collect()
 }
 
 /// Where an effect acts, in a word.

@@ -93,11 +93,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let (train, held_out) = set_aside(&train, &held_out, &mut notes);
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
-    let search = Search::new(model, &trajectories)?;
+    let mut search = Search::new(model, &trajectories)?;
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");
-    let base = search.known(model, 1.0)?;
+    let mut base = search.known(model, 1.0)?;
+    if search.shorten_steps(&base)? {
+        base = search.refit(&base, 1.0)?;
+    }
     let given = base.clone();
     let places = map::places(&search, &base, search.scale(&base).min(2.0))?;
 

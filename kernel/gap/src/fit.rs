@@ -21,7 +21,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::GapError;
-use crate::hypothesis::{Fitted, Hypothesis, Knob};
+use crate::hypothesis::{Fitted, Hypothesis};
 use crate::noise;
 use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise};
 use crate::plant::Plant;
@@ -288,7 +288,7 @@ impl Fit {
 
     /// Without one of its effects, its other numbers and their derivatives as they are.
     pub fn without(&self, problem: &Problem<'_>, entry: usize) -> Result<Self, GapError> {
-        let kept = |i: &usize| !matches!(self.hypothesis.fitted[*i].knob, Knob::Effect(e, _) if e == entry);
+        let kept = |i: &usize| self.hypothesis.fitted[*i].knob.entry() != Some(entry);
         let jacobian = (0..self.jacobian.len()).filter(kept).map(|i| self.jacobian[i].clone()).collect();
         Ok(Self { jacobian, ..Self::start(problem, self.hypothesis.without(entry))? })
     }

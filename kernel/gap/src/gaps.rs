@@ -69,6 +69,14 @@ impl<'a> Measure<'a> {
         found().unwrap_or(true)
     }
 
+    /// In each window, of a hypothesis where it stands.
+    pub fn by_window(&self, hypothesis: &Hypothesis) -> Result<Vec<f64>, GapError> {
+        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
+        let fine = made(FINE)?;
+        let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
+        Ok(smoothed.by_window(&fine, self.data, self.window, &self.ranges))
+    }
+
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
         let predict = || {

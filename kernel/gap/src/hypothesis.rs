@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
 use sagci_dynamics::effects::{self, Description, Prior};
 use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 
@@ -31,6 +31,19 @@ pub(crate) enum Knob {
     Actuator(usize, String),
     /// A parameter of an effect, by its entry in `model.yaml`.
     Effect(usize, &'static str),
+    /// One component of the vector by which an effect turns an axis, rad. Its angle and direction say nothing of each other where there is no
+    /// turn yet, and a fit of these never leaves there.
+    Turn(usize, usize),
+}
+
+impl Knob {
+    /// The effect that it belongs to, by its entry in `model.yaml`.
+    pub fn entry(&self) -> Option<usize> {
+        match self {
+            Self::Effect(entry, _) | Self::Turn(entry, _) => Some(*entry),
+            _ => None,
+        }
+    }
 }
 
 /// One number to be fitted. `x` is the number itself, or its logarithm.
@@ -251,15 +264,25 @@ impl Hypothesis {
         })
     }
 
+    /// The same, its bodies as the model states them, if one of them has been fitted to the end of its tolerance: what is missing took it there.
+    pub fn bodies_as_given(&self) -> Option<Self> {
+        let body = |f: &Fitted| matches!(f.knob, Knob::Mass(_) | Knob::Inertia(_) | Knob::CenterOfMass(..));
+        let at_an_end = |f: &Fitted, x: f64| body(f) && (x <= f.bounds[0] || x >= f.bounds[1]);
+        self.fitted.iter().zip(&self.x).any(|(f, x)| at_an_end(f, *x)).then(|| {
+            let x = self.fitted.iter().zip(&self.x).map(|(f, x)| if body(f) { f.prior[0] } else { *x }).collect();
+            Self { x, ..self.clone() }
+        })
+    }
+
     /// The same without one of its effects.
     pub fn without(&self, entry: usize) -> Self {
         let mut this = self.clone();
         this.model.document.effects.remove(entry);
-        let kept: Vec<usize> = (0..self.x.len()).filter(|i| !matches!(self.fitted[*i].knob, Knob::Effect(e, _) if e == entry)).collect();
+        let kept: Vec<usize> = (0..self.x.len()).filter(|i| self.fitted[*i].knob.entry() != Some(entry)).collect();
         this.x = kept.iter().map(|i| self.x[*i]).collect();
         this.fitted = kept.iter().map(|i| self.fitted[*i].clone()).collect();
         for fitted in &mut this.fitted {
-            if let Knob::Effect(e, _) = &mut fitted.knob {
+            if let Knob::Effect(e, _) | Knob::Turn(e, _) = &mut fitted.knob {
                 *e -= usize::from(*e > entry);
             }
         }
@@ -283,6 +306,14 @@ impl Hypothesis {
                 Knob::Friction(j) => model.joints[*j].friction = value,
                 Knob::Actuator(a, name) => set_number(&mut model.document.actuators[*a].law, name, value),
                 Knob::Effect(e, name) => drop(model.document.effects[*e].parameters.insert((*name).into(), value)),
+                Knob::Turn(e, axis) => {
+                    let parameters = &mut model.document.effects[*e].parameters;
+                    let mut turn = turn_of(&TURN.map(|name| parameters.get(name).copied().unwrap_or(0.0)));
+                    turn[*axis] = value;
+                    let angle = turn.norm();
+                    let direction = turn / if angle > 0.0 { angle } else { 1.0 };
+                    parameters.extend(TURN.iter().map(|name| (*name).to_owned()).zip([angle, direction.x, direction.y, direction.z]));
+                }
             }
         }
         model
@@ -299,34 +330,55 @@ impl Hypothesis {
     }
 }
 
+/// Parameters that turn an axis: by an angle, about a direction of any length.
+pub(crate) const TURN: [&str; 4] = ["angle", "rx", "ry", "rz"];
+
+/// The vector of such a turn, rad.
+pub(crate) fn turn_of(&[angle, x, y, z]: &[f64; 4]) -> Vector3<f64> {
+    Vector3::new(x, y, z).try_normalize(1e-12).map_or_else(Vector3::zeros, |direction| angle * direction)
+}
+
 /// The parameters of an effect that can be fitted, with where they stand. A place of either sign that has a size is zero where the effect acts
 /// everywhere: a fit by its logarithm never comes back to that, so it stays.
 fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
     let side = usize::from(prismatic);
     let second = description.second_word(values);
     let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
-    numbers
-        .filter_map(|(parameter, value)| {
-            let second = parameter.of_second.filter(|_| second);
-            let (unit, prior) = second.map_or((parameter.unit, parameter.prior), |s| (s.unit, s.prior));
-            let (logarithmic, mean, deviation) = match prior[side] {
-                Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
-                Prior::LogNormal { median, spread } => (true, median.ln(), spread),
-                Prior::Normal { mean, deviation } => (false, mean, deviation),
-                Prior::OneOf(_) => return None,
-            };
-            let [least, most] = parameter.bounds;
-            let bounds = match logarithmic {
-                true => [(mean - REACH * deviation).max(least.max(1e-12).ln()), (mean + REACH * deviation).min(most.ln())],
-                false => [least.max(mean - 100.0 * deviation), most.min(mean + 100.0 * deviation)],
-            };
-            let difference = if logarithmic { 2e-3 } else { 2e-3 * deviation };
-            let knob = Knob::Effect(entry, parameter.name);
-            let fitted = Fitted { knob, unit: unit[side], logarithmic, bounds, prior: [mean, deviation], difference };
-            let x = fitted.coordinate(*value).clamp(bounds[0], bounds[1]);
-            Some((fitted, x))
+    let turn = match (description.parameters, values) {
+        ([first, ..], [angle, x, y, z, ..]) if first.name == TURN[0] => match first.prior[side] {
+            Prior::Normal { deviation, .. } => Some((first, deviation, turn_of(&[*angle, *x, *y, *z]))),
+            _ => None,
+        },
+        _ => None,
+    };
+    let turning = turn.into_iter().flat_map(|(angle, deviation, turn)| {
+        (0..3).map(move |axis| {
+            let knob = Knob::Turn(entry, axis);
+            let (bounds, prior, difference) = (angle.bounds, [0.0, deviation], 2e-3 * deviation);
+            (Fitted { knob, unit: angle.unit[side], logarithmic: false, bounds, prior, difference }, turn[axis])
         })
-        .collect()
+    });
+    let rest = numbers.filter(|(parameter, _)| turn.is_none() || !TURN.contains(&parameter.name)).filter_map(|(parameter, value)| {
+        let second = parameter.of_second.filter(|_| second);
+        let (unit, prior) = second.map_or((parameter.unit, parameter.prior), |s| (s.unit, s.prior));
+        let (logarithmic, mean, deviation) = match prior[side] {
+            Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
+            Prior::LogNormal { median, spread } => (true, median.ln(), spread),
+            Prior::Normal { mean, deviation } => (false, mean, deviation),
+            Prior::OneOf(_) => return None,
+        };
+        let [least, most] = parameter.bounds;
+        let bounds = match logarithmic {
+            true => [(mean - REACH * deviation).max(least.max(1e-12).ln()), (mean + REACH * deviation).min(most.ln())],
+            false => [least.max(mean - 100.0 * deviation), most.min(mean + 100.0 * deviation)],
+        };
+        let difference = if logarithmic { 2e-3 } else { 2e-3 * deviation };
+        let knob = Knob::Effect(entry, parameter.name);
+        let fitted = Fitted { knob, unit: unit[side], logarithmic, bounds, prior: [mean, deviation], difference };
+        let x = fitted.coordinate(*value).clamp(bounds[0], bounds[1]);
+        Some((fitted, x))
+    });
+    turning.chain(rest).collect()
 }
 
 pub(crate) fn number(law: &ActuatorLaw, name: &str) -> Option<f64> {

@@ -27,6 +27,8 @@ mod observer;
 mod page;
 mod part;
 mod plant;
+#[cfg(test)]
+mod plant_tests;
 pub mod plots;
 mod predict;
 #[cfg(test)]

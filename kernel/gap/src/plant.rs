@@ -23,6 +23,8 @@ pub(crate) struct Plant {
     /// The same without what happens to commands, where anything does: efforts act on joints behind it; and on a base that stands: how far one
     /// that swings has come after some rows says nothing about a row.
     behind_drives: Option<Box<Self>>,
+    /// How late inputs act, s: of each clock that is off and each message that is on its way. Steps end where an input changes.
+    late: Vec<f64>,
     /// How much an effort on a joint accelerates it where the model stands, 1/(kg m^2) or 1/kg.
     accelerates: Vec<f64>,
     /// Longest step, s.
@@ -37,6 +39,8 @@ pub(crate) struct Plant {
 /// Share of the time of a drive's loop that a step may take, and the shortest step, s.
 const SHARE: f64 = 0.05;
 const SHORTEST: f64 = 2e-4;
+/// Share of an interval that is no piece of its own.
+const SHORT: f64 = 1e-6;
 /// Rows after which both sides of a play have met.
 const ROWS: usize = 10;
 /// How many times larger than it is a sensor may show a motion.
@@ -57,9 +61,14 @@ pub(crate) struct Motion {
     tau: Vec<f64>,
     /// Efforts behind what happens to commands, at the beginning of the interval.
     delivered: Vec<f64>,
-    /// The state that an interval begins with, and that at the end of the coarse way.
+    /// The state that a piece of an interval begins with, and those at the ends of the two ways over it.
     begin: Kept,
     coarse: Kept,
+    fine: Kept,
+    /// The state that a careful step begins with.
+    before: Kept,
+    /// Velocities that an interval begins with.
+    entered: Vec<f64>,
     /// Accelerations over the last interval.
     pub acceleration: Vec<f64>,
 }
@@ -98,10 +107,17 @@ impl Motion {
         }
     }
 
-    /// Are the two ways over an interval near each other, and turns the joint round on neither?
-    fn is_orderly(&self, j: usize) -> bool {
+    /// Does it move at an end of the piece?
+    fn moves(&self, j: usize) -> bool {
+        self.begin.v[j] != 0.0 || self.state.v[j] != 0.0
+    }
+
+    /// Have the two ways over a piece an order by which they differ? `efforts` is by how much efforts alone would change the velocity over it.
+    /// Where a joint turns round under friction there is none.
+    fn is_orderly(&self, j: usize, efforts: f64) -> bool {
         let (old, rough, fine) = (self.begin.v[j], self.coarse.v[j], self.state.v[j]);
-        rough * fine > 0.0 && old * fine > 0.0 && (fine - rough).abs() <= ORDERLY * (fine - old).abs()
+        let goes_on = rough * fine > 0.0 && old * fine > 0.0;
+        (goes_on || !self.ws.rubs(j)) && (fine - rough).abs() <= ORDERLY * ((fine - old).abs() + efforts)
     }
 
     /// How far the two ways over an interval have an order by which they differ, from none to 1. `efforts` is by how much efforts alone would
@@ -122,7 +138,7 @@ impl Motion {
 
     /// Keeps the mean accelerations over an interval.
     fn accelerate(&mut self, duration: f64) {
-        for (a, (v, old)) in self.acceleration.iter_mut().zip(self.state.v.iter().zip(&self.begin.v)) {
+        for (a, (v, old)) in self.acceleration.iter_mut().zip(self.state.v.iter().zip(&self.entered)) {
             *a = (v - old) / duration;
         }
     }
@@ -160,6 +176,11 @@ fn held(trajectory: &Trajectory, k: usize, from: f64, duration: f64) -> f64 {
     }
 }
 
+/// When an input that acts so late changes next after an instant, s.
+fn next_change(time: &[f64], after: f64, late: f64) -> Option<f64> {
+    time.get(time.partition_point(|t| t + late <= after)).map(|t| t + late)
+}
+
 impl Plant {
     /// `limits` says of which joints the URDF's limits are kept.
     pub fn new(model: &ObjectModel, limits: &[bool], step: f64) -> Result<Self, GapError> {
@@ -187,8 +208,11 @@ impl Plant {
         let late = |e: &EffectEntry| if e.effect == "clock_skew" { e.parameters.get("skew").copied() } else { None };
         let skew: f64 = model.document.effects.iter().filter_map(late).sum();
         let skew = (moving.len() == 1 && skew != 0.0).then_some(skew);
+        let on_its_way = |e: &EffectEntry| if e.effect == "transport_delay" { e.parameters.get("delay").copied() } else { None };
+        let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this = Self { system, laws, misread, skew, behind_drives, accelerates: Vec::new(), step, rough: false, smooth: false };
+        let mut this =
+            Self { system, laws, misread, skew, behind_drives, late, accelerates: Vec::new(), step, rough: false, smooth: false };
         let (n, inverse) = (moving.len(), this.inverse_mass_at(&this.system.state().q));
         this.accelerates = (0..n).map(|j| inverse[j * n + j]).collect();
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
@@ -256,7 +280,10 @@ impl Plant {
             tau: vec![0.0; n],
             delivered: vec![0.0; n],
             begin: kept.clone(),
-            coarse: kept,
+            coarse: kept.clone(),
+            fine: kept.clone(),
+            before: kept,
+            entered: vec![0.0; n],
             acceleration: vec![0.0; n],
         }
     }
@@ -286,43 +313,116 @@ impl Plant {
     }
 
     /// From row `k` to the next.
-    ///
-    /// A step is right to first order. Two ways over the interval, one in steps half as long, tell what that order leaves over, so that
-    /// `2 x_fine - x_coarse` is right to the second (Richardson 1911). Where a joint sticks, hits something, or turns round under friction there
-    /// is no such order, and the finer one stands as it is.
     pub fn interval(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize) -> Result<(), GapError> {
+        let (start, end) = (trajectory.time[k], trajectory.time[k + 1]);
+        motion.entered.copy_from_slice(&motion.state.v);
+        motion.state.time = start;
+        let mut from = start;
+        while from < end {
+            let least = SHORT * (end - start);
+            let changes = self.late.iter().filter_map(|late| next_change(&trajectory.time, from + least, *late));
+            let to = changes.filter(|t| *t < end - least).fold(end, f64::min);
+            self.piece(motion, trajectory, k, [from, to])?;
+            from = to;
+        }
+        motion.accelerate(end - start);
+        Ok(())
+    }
+
+    /// A piece of an interval in which inputs are held.
+    ///
+    /// A step is right to first order. Two ways over the piece, one in steps half as long, tell what that order leaves over, so that
+    /// `2 x_fine - x_coarse` is right to the second (Richardson 1911). Where a joint hits something or turns round under friction there is no such
+    /// order, and a third way goes carefully.
+    fn piece(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, [from, to]: [f64; 2]) -> Result<(), GapError> {
         let n = trajectory.joints;
-        let duration = trajectory.time[k + 1] - trajectory.time[k];
+        let duration = to - from;
         let steps = (duration / (2.0 * self.step) - 1e-6).ceil().max(1.0);
-        motion.begin.copy_from(&motion.state, trajectory.time[k]);
-        motion.state.time = trajectory.time[k];
+        motion.begin.copy_from(&motion.state, from);
+        motion.state.time = from;
         let coarse = self.steps(motion, trajectory, k, duration / steps, steps as usize).is_ok();
         motion.set_right(duration / steps);
         if self.rough && coarse {
-            motion.accelerate(duration);
             return Ok(());
         }
-        motion.coarse.copy_from(&motion.state, trajectory.time[k]);
+        motion.coarse.copy_from(&motion.state, from);
         motion.begin.give_to(&mut motion.state);
         let mut h = 0.5 * duration / steps;
         if self.steps(motion, trajectory, k, h, 2 * steps as usize).is_err() {
-            // A stiff effect can want shorter steps for once. The state is that at which the step failed; the rest of the interval follows.
-            let rest = trajectory.time[k + 1] - motion.state.time;
+            // A stiff effect can want shorter steps for once. The state is that at which the step failed; the rest of the piece follows.
+            let rest = to - motion.state.time;
             h = rest / (FINER * steps);
             self.steps(motion, trajectory, k, h, (FINER * steps) as usize)?;
         } else if coarse {
             motion.set_right(h);
-            for j in 0..n {
-                let efforts = motion.tau[j].abs() + motion.ws.load()[j].abs();
-                let order = match self.smooth {
-                    true => motion.order(j, duration * self.accelerates[j] * efforts),
-                    false => f64::from(motion.is_orderly(j)),
-                };
-                motion.state.v[j] += order * (motion.state.v[j] - motion.coarse.v[j]);
-                motion.state.q[j] += order * (motion.state.q[j] - motion.coarse.q[j]);
+            let efforts = |motion: &Motion, j: usize| duration * self.accelerates[j] * (motion.tau[j].abs() + motion.ws.load()[j].abs());
+            let order = |motion: &Motion, j: usize| match self.smooth {
+                true => motion.order(j, efforts(motion, j)),
+                false => f64::from(motion.is_orderly(j, efforts(motion, j))),
+            };
+            // One joint that has none takes it from all that move with it.
+            let order = (0..n).filter(|j| motion.moves(*j)).map(|j| order(motion, j)).fold(1.0, f64::min);
+            for (mean, fine) in [(&mut motion.coarse.q, &motion.state.q), (&mut motion.coarse.v, &motion.state.v)] {
+                mean.iter_mut().zip(fine).for_each(|(x, fine)| *x = 2.0 * fine - *x);
+            }
+            // Without an order shorter steps come nearer to the instant at which it happens.
+            if order < 1.0 {
+                motion.fine.copy_from(&motion.state, motion.state.time);
+                motion.begin.give_to(&mut motion.state);
+                if self.carefully(motion, trajectory, k, [from, to], (2.0 * FINER * steps) as usize).is_err() {
+                    motion.fine.give_to(&mut motion.state);
+                }
+            }
+            for (x, second) in [(&mut motion.state.q, &motion.coarse.q), (&mut motion.state.v, &motion.coarse.v)] {
+                x.iter_mut().zip(second).for_each(|(x, second)| *x += order * (second - *x));
             }
         }
-        motion.accelerate(duration);
+        Ok(())
+    }
+
+    /// The same in short steps, positions by the mean of a step's velocities. A step in which a joint turns round under friction ends there, as
+    /// the step before it foretells: over the whole of it friction would hold as if it went the other way already.
+    fn carefully(
+        &self,
+        motion: &mut Motion,
+        trajectory: &Trajectory,
+        k: usize,
+        [from, to]: [f64; 2],
+        count: usize,
+    ) -> Result<(), GapError> {
+        let h = (to - from) / count as f64;
+        let mut last: Vec<f64> = Vec::new();
+        for step in 0..count {
+            let at = from + step as f64 * h;
+            motion.before.copy_from(&motion.state, at);
+            self.one(motion, trajectory, k, h)?;
+            let turns = |j: usize| motion.ws.rubs(j) && motion.before.v[j] * motion.state.v[j] < 0.0;
+            let share = |j: usize| {
+                let old = motion.before.v[j];
+                let fall = last.get(j).map_or(old - motion.state.v[j], |last| last - old);
+                if old * fall > 0.0 { old / fall } else { 1.0 }
+            };
+            let first = (0..motion.state.v.len()).filter(|j| turns(*j)).map(share).fold(1.0, f64::min);
+            if first < 1.0 - SHORT {
+                motion.before.give_to(&mut motion.state);
+                self.one(motion, trajectory, k, (first * h).max(SHORT * h))?;
+                let rest = at + h - motion.state.time;
+                motion.before.copy_from(&motion.state, motion.state.time);
+                self.one(motion, trajectory, k, rest)?;
+                last.clear();
+            } else {
+                last.clone_from(&motion.before.v);
+            }
+        }
+        Ok(())
+    }
+
+    /// One step from where `before` stands, its positions set right.
+    fn one(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, h: f64) -> Result<(), GapError> {
+        self.steps(motion, trajectory, k, h, 1)?;
+        for (q, (v, old)) in motion.state.q.iter_mut().zip(motion.state.v.iter().zip(&motion.before.v)) {
+            *q -= 0.5 * h * (v - old);
+        }
         Ok(())
     }
 

@@ -181,18 +181,21 @@ impl Search<'_> {
         }
         let sum = |((name, joint, _), parts): ((&str, Option<usize>, bool), Vec<Part<'_>>)| {
             // Each number's prior, as if measured once more.
+            let named = joint.map(|j| self.names[j].as_str());
+            let n = base.hypothesis.x.len();
             let prior = |part: &Part<'_>| {
-                let added = &part.0.hypothesis.fitted[base.hypothesis.x.len()..];
-                let sizes = added.iter().zip(part.1).map(|(f, value)| (value / f.prior[1]).abs());
-                scale * sizes.fold(0.0, f64::max)
+                let start = base.hypothesis.with(name, named, part.1).ok()?;
+                let sizes = start.x[n..].iter().zip(&start.fitted[n..]).map(|(x, f)| (x / f.prior[1]).abs());
+                Some(scale * sizes.fold(0.0, f64::max))
             };
+            let priors: Vec<f64> = parts.iter().map(prior).collect::<Option<_>>()?;
             let n = parts.len();
-            let matrix = DMatrix::from_fn(n, n, |i, j| parts[i].2.dot(parts[j].2) + if i == j { prior(&parts[i]).powi(2) } else { 0.0 });
+            let matrix = DMatrix::from_fn(n, n, |i, j| parts[i].2.dot(parts[j].2) + if i == j { priors[i].powi(2) } else { 0.0 });
             let right = DVector::from_fn(n, |i, _| -parts[i].2.dot(&span.errors));
             let shares = Cholesky::new(matrix)?.solve(&right);
             let shared: Vec<(f64, &[f64])> = shares.iter().copied().zip(parts.iter().map(|p| p.1.as_slice())).collect();
             let values = starts::sum(name, &shared)?;
-            let hypothesis = base.hypothesis.with(name, joint.map(|j| self.names[j].as_str()), &values).ok()?;
+            let hypothesis = base.hypothesis.with(name, named, &values).ok()?;
             Some(Try { effect: effects::find(name).ok()?, joint, values, hypothesis, linear: false, plain: false, numbers: n })
         };
         groups.into_iter().filter(|(_, parts)| parts.len() > 1).filter_map(sum).collect()

@@ -8,7 +8,7 @@ use sagci_model::ObjectModel;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
-use crate::hypothesis::{Fitted, Hypothesis, Knob};
+use crate::hypothesis::{Fitted, Hypothesis};
 use crate::memory::Memory;
 use crate::noise;
 use crate::observer::{self, Disturbance, Errors, Run};
@@ -217,6 +217,8 @@ impl<'a> Search<'a> {
             // Losses of an arm's other joints are what their own data say.
             let own = joint.filter(|_| self.many_joints()).map(|j| self.joints[j]);
             begins.extend(hypothesis.as_given(LED_ASTRAY, own).map(|given| (effect, joint, given)));
+            let bodies = if self.many_joints() { None } else { hypothesis.bodies_as_given() };
+            begins.extend(bodies.map(|given| (effect, joint, given)));
             begins.push((effect, joint, hypothesis));
         }
         let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
@@ -321,13 +323,7 @@ fn one_way(trajectories: &[Trajectory], joint: usize) -> bool {
 
 /// Effects among the numbers of a hypothesis, with their entries.
 pub(crate) fn entries(hypothesis: &Hypothesis) -> Vec<usize> {
-    let mut found: Vec<usize> = hypothesis.fitted[hypothesis.known..]
-        .iter()
-        .filter_map(|f| match f.knob {
-            Knob::Effect(e, _) => Some(e),
-            _ => None,
-        })
-        .collect();
+    let mut found: Vec<usize> = hypothesis.fitted[hypothesis.known..].iter().filter_map(|f| f.knob.entry()).collect();
     found.dedup();
     found
 }

@@ -11,12 +11,14 @@ use crate::search::entries;
 const FAR_OFF: f64 = 2.0;
 
 impl Climb<'_> {
-    /// Looks again at each of several names. What remains alone keeps what was said of it when nothing else was there.
+    /// Looks again at each of several names. The first, if it remains alone, keeps what was said of it when nothing else was there; another that
+    /// does is asked about again, since it was chosen beside one that is gone.
     pub fn look_again(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
         if self.chosen.len() < 2 {
             return Ok(());
         }
         (ascent.say)("looking again at each effect beside the others");
+        let first = (self.chosen[0].best.effect, self.chosen[0].best.joint);
         // First what the others say as well: beside a name that falls out, another would be compared with strangers.
         self.drop_idle(ascent);
         let mut at = 0;
@@ -27,6 +29,11 @@ impl Climb<'_> {
             } else {
                 at += 1;
             }
+        }
+        if let [alone] = self.chosen.as_slice()
+            && (alone.best.effect, alone.best.joint) != first
+        {
+            self.gives_way(0, ascent)?;
         }
         // The order of entries is that of the numbers in the hypothesis.
         let document = &self.current.hypothesis.model.document;

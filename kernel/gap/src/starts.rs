@@ -195,6 +195,9 @@ pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Optio
             let small = 0.1 * friction / view.way().max(1e-6);
             Some(("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]))
         }
+        // A late input and a late stamp are one lateness.
+        ("transport_delay", &[delay]) => Some(("clock_skew", vec![delay])),
+        ("clock_skew", &[skew]) if skew > 0.0 => Some(("transport_delay", vec![skew])),
         // A point of mass m at p from an axis a, in gravity g, pulls by -m (p . u cos q + p . (u x a) sin q), u = g x a.
         ("hinge_tilt", &[amplitude, phase]) if view.turns => {
             let a = nalgebra::Vector3::from(view.axis);

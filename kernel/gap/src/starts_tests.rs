@@ -54,6 +54,14 @@ fn a_payload_beside_the_links_center_is_begun_near() {
     }
 }
 
+/// By one log a late input and a late stamp are one lateness; a clock that runs ahead is none of an input's.
+#[test]
+fn a_late_clock_begins_where_the_late_input_that_imitates_it_ended() {
+    assert_eq!(neighbour("transport_delay", &[0.0213], &view()), Some(("clock_skew", vec![0.0213])));
+    assert_eq!(neighbour("clock_skew", &[0.0213], &view()), Some(("transport_delay", vec![0.0213])));
+    assert_eq!(neighbour("clock_skew", &[-0.0213], &view()), None);
+}
+
 /// Gravity pulls a payload as a tilt does: that is where its fit begins once a tilt's has ended.
 #[test]
 fn a_payload_begins_where_it_pulls_as_the_tilt_that_imitates_it() {

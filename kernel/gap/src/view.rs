@@ -186,7 +186,7 @@ impl Search<'_> {
             inertia: self.inertias[j],
             efforts,
             places: places(&rows, low, high),
-            cycles: cycles_roughly(&rows, low, high),
+            cycles: if self.many_joints() { cycles_roughly(&rows, low, high) } else { Vec::new() },
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
             period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
             hangs: load > FELT * GRAVITY.norm() * link.mass * p.coords.norm(),

@@ -10,7 +10,7 @@ use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
-use crate::hypothesis::{Fitted, Knob};
+use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::observer::{Disturbance, Run};
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
@@ -35,6 +35,9 @@ pub(crate) const FALL: f64 = 0.7;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
+/// The share of windows that are predicted better by such a factor where most are.
+const MOST: f64 = 0.75;
+const NEARER: f64 = 0.5;
 /// Gap, in shares of the joints' ranges, from which on a model is lost within a window.
 const LOST: f64 = 0.1;
 /// How many of the best are weighed anew under another noise, and the evidence within which they may change places.
@@ -46,6 +49,8 @@ const JITTER: f64 = 0.1;
 const PLAIN: f64 = 0.6;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
+/// Steps that are not halved any more, s.
+const SHORTEST: f64 = 5e-4;
 
 impl<'a> Search<'a> {
     /// Fits anew from where a fit stands.
@@ -259,7 +264,17 @@ impl<'a> Search<'a> {
             return Ok(true);
         }
         let share = if force < MATERIAL { FALL } else { SMALLER };
-        Ok(self.left_of_gap(model, less, more, window) < share)
+        Ok(self.left_of_gap(model, less, more, window) < share || self.brings_most_near(model, less, more, window))
+    }
+
+    /// Are most windows predicted much better by a fit? A few that go the other way where a joint comes to rest or does not are more than all
+    /// others together.
+    fn brings_most_near(&self, model: &ObjectModel, less: &Fit, more: &Fit, window: f64) -> bool {
+        let window = if self.many_joints() { window.min(SHORT) } else { window };
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        let (Ok(before), Ok(after)) = (measure.by_window(&less.hypothesis), measure.by_window(&more.hypothesis)) else { return false };
+        let near = before.iter().zip(&after).filter(|(before, after)| **after < NEARER * **before).count();
+        near as f64 > MOST * before.len() as f64
     }
 
     /// Is a fit's last effect a shift in time that stamps and steps of any source are off by?
@@ -359,8 +374,31 @@ impl<'a> Search<'a> {
 
     /// The same problem in finer steps.
     pub fn finer(&mut self) {
-        let Problem { trajectories, disturbance, limits, .. } = &self.problem;
-        self.problem = Problem::new(trajectories, disturbance.clone(), limits, FINE);
+        self.problem.step = self.problem.step.min(FINE);
+    }
+
+    /// Steps so short that what they leave over cannot be taken for an effect: where they are halved, errors change by less than an effect has
+    /// to say. Where the change does not fall with the steps it has no order, as where joints stick or hit something, and shorter ones are no
+    /// better.
+    pub fn shorten_steps(&mut self, fit: &Fit) -> Result<bool, GapError> {
+        let Hypothesis { x, .. } = &fit.hypothesis;
+        let at = |step: f64| Problem { step, ..self.problem.clone() }.errors(&fit.hypothesis, x);
+        let longest = self.problem.step;
+        let (mut step, mut errors, mut before) = (longest, at(longest)?, f64::INFINITY);
+        while step > SHORTEST {
+            let finer = at(0.5 * step)?;
+            let left = 0.5 * (&finer - &errors).norm_squared();
+            if left > 0.5 * before {
+                step = (2.0 * step).min(longest);
+                break;
+            }
+            if left < 0.5 * CONVINCING {
+                break;
+            }
+            (step, errors, before) = (0.5 * step, finer, left);
+        }
+        self.problem.step = step;
+        Ok(step < longest)
     }
 
     /// The most likely force without a name, and its joint.

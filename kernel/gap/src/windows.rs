@@ -280,6 +280,15 @@ impl Smoothed {
         window
     }
 
+    /// RMS in each window, in shares of the joints' ranges.
+    pub fn by_window(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<f64> {
+        let of = |window: &Vec<[f64; 2]>| {
+            let squares = window.iter().zip(ranges).filter(|(w, _)| w[1] > 0.0).map(|(w, r)| w[0] / w[1] / (r * r));
+            (squares.sum::<f64>() / ranges.len() as f64).sqrt()
+        };
+        sums(&self.predict(plant, trajectories, length), trajectories, ranges).iter().map(of).collect()
+    }
+
     /// The pooled figure alone.
     pub fn pooled(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> f64 {
         let sums = sums(&self.predict(plant, trajectories, length), trajectories, ranges);

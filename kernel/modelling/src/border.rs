@@ -14,6 +14,7 @@ use crate::candidate::{Shape, quantile, shape};
 use crate::grid::Grid;
 use crate::network::{CLASSES, Matrix};
 use crate::posed::Posed;
+use crate::seam::BEHIND;
 use crate::superpoint::Superpoint;
 
 /// Features of a point and a part that it may belong to.
@@ -22,8 +23,6 @@ pub const BORDER: usize = 65;
 /// How far from the rectangle of a part's panel points are asked about, along it and across it, m.
 const BESIDE: f64 = 0.08;
 const BEFORE: f64 = 0.12;
-/// How far behind a panel points are that were seen through a seam, m.
-const THROUGH: f64 = 0.12;
 /// Bins of the narrowest strip beyond a seam.
 const NARROW: usize = 4;
 /// How far within the panel's edge a seam may be its true edge, m.
@@ -231,7 +230,7 @@ pub(crate) fn ask(posed: &Posed<'_>, label: &[Option<u32>], still: &[f64], parts
         // Seams show best among all points, and by what is seen through them.
         let all: Vec<[f64; 3]> = dense.iter().map(|p| panel.coordinates(p)).collect();
         let on = |k: usize, other: usize, range: (f64, f64)| -> Vec<(f64, f64)> {
-            let near = |c: &&[f64; 3]| c[0] < thin && c[0] > -THROUGH && inside(c[other], range) > 0.0;
+            let near = |c: &&[f64; 3]| c[0] < thin && c[0] > -BEHIND && inside(c[other], range) > 0.0;
             all.iter().filter(near).map(|c| (c[k], if c[0] > -thin { c[0] } else { f64::NEG_INFINITY })).collect()
         };
         let across = Profile::of(&on(1, 2, panel.rise), panel.level.0, panel.level.1, a.scale.spacing);

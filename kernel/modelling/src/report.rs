@@ -33,7 +33,7 @@ pub struct PartReport {
     pub link: String,
     /// `body`, `door`, `drawer`, `lid` or `flap`.
     pub class: String,
-    /// The overlap that it may expect with a true part: how sure it is to be one, and of what belongs to it.
+    /// How likely its points overlap a true part's by three quarters (intersection over union), 0 to 1.
     pub confidence: f64,
     /// Number of input points.
     pub points: usize,

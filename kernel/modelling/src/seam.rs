@@ -11,7 +11,7 @@ const FINE: usize = 3;
 /// How far on both sides of a line the ground is taken from, m, and how far beyond a panel's edges one looks.
 const GROUND: f64 = 0.02;
 const MARGIN: f64 = 0.05;
-/// How far behind a panel what is seen through a seam may lie, m.
+/// How far behind a panel what is seen through a seam may lie, m: a shelf, a box's side, what a front closes.
 pub(crate) const BEHIND: f64 = 0.12;
 /// How a line may lean, m a m: the arm knows its camera's pose to some tenths of a degree.
 const LEANS: [f64; 3] = [0.0, -0.004, 0.004];

@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::grid::Grid;
 use crate::normal::{Local, least};
+use crate::seam::BEHIND;
 
 /// A piece of the cloud. In the frame A of the box: z up, sides along x and y.
 #[derive(Debug, Clone)]
@@ -296,9 +297,6 @@ struct Rays {
     flat: Vec<Point3<f64>>,
     back: Vec<Point3<f64>>,
 }
-
-/// How far behind a piece points are that were seen through a gap in it, m.
-const BEHIND: f64 = 0.12;
 
 impl Rays {
     /// `own` says which thinned points the piece holds; `middle` is where the object's is along the axis.

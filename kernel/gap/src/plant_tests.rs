@@ -1,0 +1,173 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use sagci_model::ObjectModel;
+use sagci_recording::{JointLog, Log, Series};
+
+use crate::fit::{Derivatives, Fit};
+use crate::hypothesis::{Hypothesis, Knob};
+use crate::noise;
+use crate::plant::Plant;
+use crate::search::{STEP, Search};
+use crate::tests::{door, swing, with};
+use crate::trajectory::{Drive, Trajectory};
+use crate::weigh::CONVINCING;
+
+const PERIOD: f64 = 0.005;
+
+/// Positions that are read along inputs, from a velocity at rest's place.
+fn along(model: &ObjectModel, step: f64, velocity: f64, inputs: &[f64], drive: Drive) -> Vec<f64> {
+    let mut trajectory = Trajectory::steady(inputs.len(), PERIOD, &[0.0], vec![drive]);
+    trajectory.input.copy_from_slice(inputs);
+    let plant = Plant::new(model, &[false], step).unwrap();
+    let mut motion = plant.motion();
+    motion.state.v[0] = velocity;
+    let mut read = Vec::new();
+    for k in 0..inputs.len() - 1 {
+        plant.interval(&mut motion, &trajectory, k).unwrap();
+        motion.state.time = trajectory.time[k + 1];
+        read.push(plant.reading(&motion, 0));
+    }
+    read
+}
+
+fn furthest(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// What acts half-way through a step is not half of it all the way: over hundreds of rows that is a drive's lag.
+#[test]
+fn a_late_input_acts_at_its_instant() {
+    let inputs: Vec<f64> = (0..200).map(|k: i32| 2.0 * (1.3 * f64::from(k)).sin()).collect();
+    for (effect, number) in [("transport_delay", "delay"), ("clock_skew", "skew")] {
+        let late = with(&door(), effect, &[(number, 0.0118)]);
+        let command = Drive::Command(sagci_recording::CommandKind::Effort);
+        let reference = along(&late, 5e-5, 0.0, &inputs, command);
+        let off = furthest(&along(&late, STEP, 0.0, &inputs, command), &reference);
+        assert!(off < 2e-7, "{effect}: {off} rad");
+    }
+}
+
+/// Where a joint turns round under dry friction neither of two ways over an interval foretells the other; shorter steps come near the instant.
+#[test]
+fn a_joint_that_turns_round_under_friction_does_so_at_its_instant() {
+    let rubbing = with(&door(), "coulomb_friction", &[("friction", 0.8)]);
+    // To and fro, ten times a second.
+    let inputs: Vec<f64> = (0..400).map(|k: i32| 6.0 * (0.1 * std::f64::consts::PI * f64::from(k) + 0.4).cos()).collect();
+    let reference = along(&rubbing, 2e-5, 0.0, &inputs, Drive::Effort);
+    let off = furthest(&along(&rubbing, STEP, 0.0, &inputs, Drive::Effort), &reference);
+    let friction = furthest(&along(&door(), STEP, 0.0, &inputs, Drive::Effort), &reference);
+    assert!(off < 0.005 * friction, "{off} rad after 40 times, where friction made {friction}");
+}
+
+/// A frictionless joint that turns round is as smooth as one that goes on.
+#[test]
+fn a_free_joint_that_turns_round_is_followed_to_second_order() {
+    let inputs: Vec<f64> = (0..400).map(|k: i32| 6.0 * (0.1 * std::f64::consts::PI * f64::from(k) + 0.4).cos()).collect();
+    let off = |step: f64| furthest(&along(&door(), step, 0.3, &inputs, Drive::Effort), &along(&door(), 2e-5, 0.3, &inputs, Drive::Effort));
+    assert!(off(2.5e-4) < off(1.25e-3) / 15.0, "{} and {} rad", off(1.25e-3), off(2.5e-4));
+}
+
+/// Two links that hang on one another.
+fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
+    let link = |name: &str| {
+        format!(
+            r#"<link name="{name}"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/>
+               <inertia ixx="0.002" iyy="0.002" izz="0.0002" ixy="0" ixz="0" iyz="0"/></inertial></link>"#
+        )
+    };
+    let joint = |name: &str, parent: &str, child: &str| {
+        format!(
+            r#"<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>
+               <origin xyz="0 0 -0.2"/><axis xyz="0 1 0"/></joint>"#
+        )
+    };
+    let joints = [joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower")].concat();
+    let text = format!(r#"<robot name="two"><link name="base"/>{}{}{joints}</robot>"#, link("upper"), link("lower"));
+    std::fs::write(folder.join("object.urdf"), text).unwrap();
+    ObjectModel::read_urdf(folder.join("object.urdf")).unwrap()
+}
+
+/// The model's own motion from a fling, with noise of positions.
+fn flung(model: &ObjectModel, velocities: [f64; 2]) -> Log {
+    use rand::SeedableRng;
+    let plant = Plant::new(model, &[false, false], 5e-5).unwrap();
+    let mut motion = plant.motion();
+    motion.state.v.copy_from_slice(&velocities);
+    let mut random = rand_pcg::Pcg64::seed_from_u64(4);
+    let mut joints =
+        ["shoulder", "elbow"].map(|name| JointLog { name: name.into(), effort: Some(Series::default()), ..JointLog::default() });
+    for k in 0..1000 {
+        let t = PERIOD * f64::from(k);
+        for (j, joint) in joints.iter_mut().enumerate() {
+            joint.position.time.push(t);
+            joint.position.value.push(motion.state.q[j] + 2e-5 * noise::normal(&mut random));
+            let effort = joint.effort.as_mut().unwrap();
+            effort.time.push(t);
+            effort.value.push(0.0);
+        }
+        plant.interval(&mut motion, &Trajectory::steady(2, PERIOD, &[0.0, 0.0], vec![Drive::Effort; 2]), 0).unwrap();
+    }
+    Log { source: "flung".into(), joints: joints.to_vec(), ..Log::default() }
+}
+
+/// What steps leave over goes on from row to row as an effect does: a fast arm's is named for a motor that is too weak by half a percent.
+#[test]
+fn steps_leave_less_over_than_an_effect_has_to_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = double_pendulum(folder.path());
+    let mut shortened = Vec::new();
+    for velocities in [[0.5, -0.5], [25.0, -70.0]] {
+        let trajectories = [Trajectory::new(&flung(&model, velocities), &model).unwrap()];
+        let mut search = Search::new(&model, &trajectories).unwrap();
+        let fit = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
+        shortened.push(search.shorten_steps(&fit).unwrap());
+        let at = |step: f64| {
+            let mut problem = search.problem.clone();
+            problem.step = step;
+            problem.errors(&fit.hypothesis, &fit.hypothesis.x).unwrap()
+        };
+        let left = 0.5 * (at(search.problem.step) - at(5e-5)).norm_squared();
+        assert!(left < CONVINCING, "steps of {} s leave over e^{left} at {velocities:?} rad/s", search.problem.step);
+    }
+    assert_eq!(shortened, [false, true]);
+}
+
+/// An angle and a direction say nothing of each other where there is no turn: a fit that began there never turned the axis.
+#[test]
+fn a_turn_of_an_axis_is_left_in_any_direction_from_none() {
+    let model = door();
+    let trajectories = [Trajectory::new(&swing(&model, 2e-5, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let known = Hypothesis::known(&model, &search.joints);
+    let none = known.with("joint_axis_error", Some("hinge"), &[0.0; 7]).unwrap();
+    let turns: Vec<usize> = (0..none.x.len()).filter(|i| matches!(none.fitted[*i].knob, Knob::Turn(..))).collect();
+    let fit = Fit::start(&search.problem, none.clone()).unwrap().finish(&search.problem, 1.0, Derivatives::FRESH, f64::INFINITY).unwrap();
+    // A hinge that stands upright feels gravity where it leans to either side.
+    let told = turns.iter().filter(|i| fit.is_told(**i, 1.0)).count();
+    assert_eq!((turns.len(), told), (3, 2));
+
+    let mut turned = none.x.clone();
+    for (i, x) in turns.iter().zip([0.03, -0.04, 0.0]) {
+        turned[*i] = x;
+    }
+    let parameters = &none.model_at(&turned).document.effects[0].parameters;
+    let found: Vec<f64> = ["angle", "rx", "ry", "rz"].iter().map(|n| parameters[*n]).collect();
+    assert!(found.iter().zip([0.05, 0.6, -0.8, 0.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+    let values = [0.05, 0.6, -0.8, 0.0, 0.0, 0.0, 0.0];
+    let again = known.with("joint_axis_error", Some("hinge"), &values).unwrap();
+    assert!(again.x.iter().zip(&turned).all(|(a, b)| (a - b).abs() < 1e-12), "{:?}, {turned:?}", again.x);
+}
+
+/// A body that was led to the end of its tolerance stands where a fit with what is missing does not find back from.
+#[test]
+fn bodies_that_were_led_to_the_end_of_their_tolerance_are_begun_as_given_too() {
+    let mut known = Hypothesis::known(&door(), &[0]);
+    assert!(known.bodies_as_given().is_none());
+    let mass = known.fitted.iter().position(|f| matches!(f.knob, Knob::Mass(_))).unwrap();
+    let damping = known.fitted.iter().position(|f| matches!(f.knob, Knob::Damping(_))).unwrap();
+    known.x[mass] = known.fitted[mass].bounds[1];
+    known.x[damping] += 0.1;
+    let given = known.bodies_as_given().unwrap();
+    assert_eq!(given.x[mass], 0.0);
+    assert_eq!(given.x[damping], known.x[damping]);
+}
