@@ -35,9 +35,8 @@ pub(crate) const FALL: f64 = 0.7;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
-/// The share of windows that are predicted better by such a factor where most are.
+/// The share of windows of which such a fall is asked where most are to be nearer.
 const MOST: f64 = 0.75;
-const NEARER: f64 = 0.5;
 /// Gap, in shares of the joints' ranges, from which on a model is lost within a window.
 const LOST: f64 = 0.1;
 /// How many of the best are weighed anew under another noise, and the evidence within which they may change places.
@@ -158,8 +157,8 @@ impl<'a> Search<'a> {
     }
 
     /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by and that does
-    /// not add up to much of the gap, or predicts whole windows no worse, or where that one is not convincing beside it: what is left between
-    /// them is no ground to name the richer one. `here` is the evidence without any.
+    /// not add up to much of the gap, or predicts whole windows no worse or most of them much better, or where that one is not convincing beside it:
+    /// what is left between them is no ground to name the richer one. `here` is the evidence without any.
     pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         let count = |c: &Candidate| c.fit.hypothesis.x.len();
@@ -173,6 +172,7 @@ impl<'a> Search<'a> {
                 && candidate.evidence - here > 0.5 * (best.evidence - here)
                 && (self.force_between(&candidate.fit, &best.fit)? < SAME && !adds_up(candidate)
                     || candidate.evidence - here > NEARLY * (best.evidence - here) && predicts_as_well(candidate)
+                    || self.brings_most_near(model, &best.fit, &candidate.fit, window)
                     || !self.is_convincing(model, &candidate.fit, &best.fit, best.evidence - candidate.evidence, window))
             {
                 chosen = i;
@@ -263,8 +263,10 @@ impl<'a> Search<'a> {
         if force >= LARGE || self.problem.disturbance.reads_efforts() && is_read()? {
             return Ok(true);
         }
-        let share = if force < MATERIAL { FALL } else { SMALLER };
-        Ok(self.left_of_gap(model, less, more, window) < share || self.brings_most_near(model, less, more, window))
+        if force < MATERIAL {
+            return Ok(self.left_of_gap(model, less, more, window) < FALL);
+        }
+        Ok(self.left_of_gap(model, less, more, window) < SMALLER || self.brings_most_near(model, less, more, window))
     }
 
     /// Are most windows predicted much better by a fit? A few that go the other way where a joint comes to rest or does not are more than all
@@ -273,7 +275,7 @@ impl<'a> Search<'a> {
         let window = if self.many_joints() { window.min(SHORT) } else { window };
         let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
         let (Ok(before), Ok(after)) = (measure.by_window(&less.hypothesis), measure.by_window(&more.hypothesis)) else { return false };
-        let near = before.iter().zip(&after).filter(|(before, after)| **after < NEARER * **before).count();
+        let near = before.iter().zip(&after).filter(|(before, after)| **after < FALL * **before).count();
         near as f64 > MOST * before.len() as f64
     }
 
