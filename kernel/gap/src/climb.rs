@@ -42,6 +42,8 @@ pub(crate) struct Climb<'a> {
     pub lost: Vec<(&'static str, f64)>,
     /// A force without a name says more than the best name that was left.
     pub nameless_won: bool,
+    /// Holds a force below what any model is off by: as likely the shape of another name as an effect.
+    holds_small: bool,
     /// The likeliest, where a plainer one was put before it.
     passed: Option<Vec<Candidate>>,
     /// Where it stood when the first name was to be chosen, among which.
@@ -63,12 +65,13 @@ impl<'a> Climb<'a> {
     pub fn new(search: Search<'a>, base: Fit) -> Self {
         let scale = search.scale(&base);
         let current = base.clone();
-        Self { search, base, current, scale, chosen: Vec::new(), lost: Vec::new(), nameless_won: false, passed: None, first: None }
+        let (chosen, lost) = (Vec::new(), Vec::new());
+        Self { search, base, current, scale, chosen, lost, nameless_won: false, holds_small: false, passed: None, first: None }
     }
 
     /// Names what is there.
     pub fn finish(mut self, ascent: &Ascent<'_>) -> Result<Self, GapError> {
-        self.ascend(ascent)?;
+        self.ascend(ascent, true)?;
         let search = &self.search;
         if self.chosen.is_empty() || search.many_joints() || !search.leaves_a_force(&self.current, self.scale)? {
             return Ok(self);
@@ -80,16 +83,22 @@ impl<'a> Climb<'a> {
         let mut best: Option<Self> = None;
         for mut rival in self.rivals() {
             (ascent.say)(&format!("  looking again from {}", rival.chosen[0].best.effect));
+            let leader = best.as_ref().unwrap_or(&self);
             // One that cannot be simulated on its way is none.
-            if rival.ascend(ascent).is_ok() && rival.beats(best.as_ref().unwrap_or(&self), ascent) {
+            if rival.ascend(ascent, leader.holds_small).is_ok_and(|arrived| arrived) && rival.beats(leader, ascent) {
                 best = Some(rival);
             }
         }
         Ok(best.unwrap_or(self))
     }
 
-    fn ascend(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
-        while self.chosen.len() < MOST && self.names_one(ascent)? {}
+    /// Names one after the other until none is there; false where that takes a name that is too small and none may be.
+    fn ascend(&mut self, ascent: &Ascent<'_>, with_small: bool) -> Result<bool, GapError> {
+        while self.chosen.len() < MOST && self.names_one(ascent)? {
+            if self.holds_small && !with_small {
+                return Ok(false);
+            }
+        }
         let Self { search, scale, .. } = self;
         let scale = *scale;
         // A plainer name that leaves a force over gives way to the likeliest, if that does not.
@@ -103,7 +112,7 @@ impl<'a> Climb<'a> {
             self.chosen.push(last.giving_way_to(search, &instead, scale));
             self.current = alone;
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Names one more; none if none is there.
@@ -178,6 +187,7 @@ impl<'a> Climb<'a> {
         }
         self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
         self.current = settled;
+        self.holds_small |= small;
         self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
         Ok(true)
     }
