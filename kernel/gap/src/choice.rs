@@ -54,20 +54,20 @@ impl Choice {
         let same = |c: &&Candidate| (c.effect, c.joint) == (self.best.effect, self.best.joint);
         let itself = candidates.iter().find(same).unwrap_or(&self.best).clone();
         // All as they were fitted together: one that was fitted on since says a little more than others would, too. Errors that go on from row to
-        // row say less of the difference than as many that are independent.
+        // row say less of the difference than as many that are independent. What more numbers cost is no error's to say: only posteriors get wider.
         let own = if with - itself.evidence < CONVINCING { itself.evidence } else { with };
+        let numbers = |c: &Candidate| c.fit.hypothesis.x.len();
         let less = |c: &Candidate| {
             let less = own - c.evidence;
-            if less.abs() < ALIKE {
-                less
-            } else {
-                less / search.problem.persistence(&itself.fit.errors, &(&c.fit.errors - &itself.fit.errors))
-            }
+            let persistence = search.problem.persistence(&itself.fit.errors, &(&c.fit.errors - &itself.fit.errors));
+            let by_errors = 0.5 * (c.fit.judged - itself.fit.judged) / (scale * scale);
+            let wider = 0.5 * (numbers(c) as f64 - numbers(&itself) as f64) * persistence.ln();
+            let apart = if less.abs() < ALIKE { less } else { less / persistence };
+            if numbers(c) > numbers(&itself) { apart.max(by_errors / persistence + (less - by_errors) - wider) } else { apart }
         };
         let beside: Vec<(&Candidate, f64)> = candidates.iter().filter(|c| !same(c)).map(|c| (c, less(c))).collect();
         self.others = beside.iter().map(|(c, less)| (c.effect, c.joint, *less)).collect();
         // Of one channel, a name with an idle number is the plainer one again; of another it is another cause.
-        let numbers = |c: &Candidate| c.fit.hypothesis.x.len();
         let says_more =
             |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;

@@ -215,14 +215,17 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     // Where nothing is named and data that nothing was fitted to are far off, something is missing that the known numbers hide where they are
     // fitted. What many joints are off by is mostly chance: nothing holds them.
     let lacks = gap.held_out.as_ref().map_or(off, Gap::is_far) && chosen.is_empty() && !search.many_joints();
+    let near = |gap: &Gap| gap.after < NEAR_FLOOR * gap.noise_floor;
     // A model that predicts as well as the noise lets any lacks nothing that its errors alone hint at, least of all one with names.
-    let at_the_floor = gap.train.after < NEAR_FLOOR * gap.train.noise_floor && !gap.held_out.as_ref().is_some_and(Gap::is_far);
+    let at_the_floor = near(&gap.train) && !gap.held_out.as_ref().is_some_and(Gap::is_far);
     let enough = match (at_the_floor, chosen.is_empty()) {
         (false, _) => 0.0,
         (true, true) => CERTAIN,
         (true, false) => f64::INFINITY,
     };
-    let unexplained = remainder.and_then(|(joint, n)| {
+    // Nor does one that predicts data so that nothing was fitted to, where errors say it that hang together.
+    let well = near(gap.held_out.as_ref().unwrap_or(&gap.train));
+    let unexplained = remainder.filter(|(_, n)| !well || search.is_plain(&current, n)).and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;

@@ -22,6 +22,8 @@ pub(crate) struct Nameless {
     pub over: &'static str,
     /// Logarithm of its evidence over that of no force.
     pub evidence: f64,
+    /// How it changes the errors.
+    pub change: DVector<f64>,
     /// RMS of the force, N m or N.
     pub force: f64,
     /// Where most of it acts.
@@ -159,6 +161,7 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
                 best = Some(Nameless {
                     over: group.over,
                     evidence,
+                    change: columns.iter().zip(force.iter()).fold(DVector::zeros(columns[0].len()), |sum, (c, f)| sum + c * *f),
                     force: (square / along.len() as f64).sqrt(),
                     region: region(&places, &along),
                 });

@@ -7,7 +7,7 @@
 //!   is done for sums that are compared; fits minimise errors in units of what their own model makes of the noise, which puts them right.
 //! * How much of an effort's jitter is noise of its measurement, and how much the drive really did, shows in the errors: with `H` what a
 //!   row's effort differs by from its neighbours', and `R` the model's response, errors hold `R n` and not `R` of what was really done,
-//!   so `<e, R H u> / <R H u, R H u>` is to the same ratio for drawn noise as the noise's variance is to all the jitter's.
+//!   so `<e, R H u>` is to the same product for drawn noise, `<R d, R H d>`, as the noise's variance is to that of what was drawn.
 
 use nalgebra::DVector;
 use rand::SeedableRng;
@@ -22,6 +22,8 @@ use crate::trajectory::{Drive, Trajectory};
 const SEED: u64 = 1;
 /// Standard deviation of a share beyond which it says nothing.
 const VAGUE: f64 = 0.2;
+/// Standard deviations of jitter beyond which an effort jumps.
+const JUMP: f64 = 5.0;
 /// Least share that is believed.
 const LEAST: f64 = 0.04;
 
@@ -32,13 +34,14 @@ fn white(trajectory: &Trajectory, size: &[f64], random: &mut Pcg64) -> Vec<f64> 
     (0..trajectory.input.len()).map(|i| if measured(i % n) { size[i % n] * noise::normal(random) } else { 0.0 }).collect()
 }
 
-/// What each row's value differs by from the mean of its neighbours'.
-fn beside(values: &[f64], joints: usize, joint: usize) -> Vec<f64> {
+/// What each row's value differs by from the mean of its neighbours', but for more than `most`: a jump is what the drive did, and no noise.
+fn beside(values: &[f64], joints: usize, joint: usize, most: f64) -> Vec<f64> {
     let rows = values.len() / joints;
     let mut out = vec![0.0; values.len()];
     for k in 1..rows.saturating_sub(1) {
         let at = |k: usize| values[k * joints + joint];
-        out[k * joints + joint] = at(k) - 0.5 * (at(k - 1) + at(k + 1));
+        let apart = at(k) - 0.5 * (at(k - 1) + at(k + 1));
+        out[k * joints + joint] = if apart.abs() < most { apart } else { 0.0 };
     }
     out
 }
@@ -79,13 +82,13 @@ impl Problem<'_> {
         let mut random = Pcg64::seed_from_u64(SEED);
         let only: Vec<f64> = (0..n).map(|j| if j == joint { size } else { 0.0 }).collect();
         let drawn: Vec<Vec<f64>> = self.trajectories.iter().map(|t| white(t, &only, &mut random)).collect();
-        let jitter = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> { inputs.iter().map(|u| beside(u, n, joint)).collect() };
+        let jitter = |inputs: &[Vec<f64>]| -> Vec<Vec<f64>> { inputs.iter().map(|u| beside(u, n, joint, JUMP * size)).collect() };
         let measured: Vec<Vec<f64>> = self.trajectories.iter().map(|t| t.input.clone()).collect();
         let response = |more: &[Vec<f64>]| self.errors_beside(fit, more).ok().map(|e| e - &fit.errors);
         let (seen, noise, noisy) = (response(&jitter(&measured))?, response(&drawn)?, response(&jitter(&drawn))?);
-        let whole = noise.dot(&noisy) / noisy.norm_squared();
-        let share = fit.errors.dot(&seen) / seen.norm_squared() / whole;
-        let deviation = (fit.squares / self.measured() as f64).sqrt() / seen.norm() / whole.abs();
+        let whole = noise.dot(&noisy);
+        let share = fit.errors.dot(&seen) / whole;
+        let deviation = (fit.squares / self.measured() as f64).sqrt() * seen.norm() / whole.abs();
         (share.is_finite() && deviation < VAGUE).then(|| share.clamp(LEAST, 1.0))
     }
 }

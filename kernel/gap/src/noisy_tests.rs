@@ -9,7 +9,7 @@ use sagci_recording::Log;
 use crate::noise::normal;
 use crate::plant::Plant;
 use crate::search::Search;
-use crate::tests::{door, swing, with};
+use crate::tests::{door, driven, swing, with};
 use crate::trajectory::Trajectory;
 use crate::{Options, find};
 
@@ -45,6 +45,23 @@ fn beside_noisy_efforts_a_friction_is_named_alone() {
     let model = door();
     let truth = with(&model, "coulomb_friction", &[("friction", 0.6)]);
     assert_eq!(named(&truth, &model), ["coulomb_friction"]);
+}
+
+/// A hand that pushes by fits and starts makes jumps that say nothing of how well its effort is measured.
+#[test]
+fn jumps_of_the_effort_do_not_hide_its_noise() {
+    let model = door();
+    let measured = |seed: u64| {
+        let mut log = driven(&model, 2e-5, seed, 0.9, |t| if t % 0.6 < 0.3 { 1.4 } else { 0.4 });
+        let mut random = Pcg64::seed_from_u64(100 + seed);
+        log.joints[0].effort.as_mut().unwrap().value.iter_mut().for_each(|u| *u += 0.1 * LOUD * normal(&mut random));
+        Trajectory::new(&log, &model).unwrap()
+    };
+    let data: Vec<Trajectory> = (1..7).map(measured).collect();
+    let search = Search::new(&model, &data).unwrap();
+    let fit = search.known(&model, 1.0).unwrap();
+    let share = search.problem.share_of_noise(&fit, 0, 0.1 * LOUD).unwrap();
+    assert!(share > 0.85, "{share} {:?}", search.jitter);
 }
 
 /// An error would weigh nothing where a drive is at its limit, and everything elsewhere.

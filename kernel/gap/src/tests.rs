@@ -30,15 +30,19 @@ pub(crate) fn swing(truth: &ObjectModel, noise: f64, seed: u64) -> Log {
 
 /// The same with the hand's way so many times as wide.
 pub(crate) fn led(truth: &ObjectModel, noise: f64, seed: u64, width: f64) -> Log {
+    driven(truth, noise, seed, 0.9 - 0.3 * width, |t| 0.9 + width * (0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos()))
+}
+
+/// The same from a start of its own, with the hand on a way of its own, by time.
+pub(crate) fn driven(truth: &ObjectModel, noise: f64, seed: u64, start: f64, way: impl Fn(f64) -> f64) -> Log {
     let plant = Plant::new(truth, &[false], 1e-4).unwrap();
     let mut motion = plant.motion();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut joint = JointLog { name: "hinge".into(), effort: Some(Series::default()), ..JointLog::default() };
-    motion.state.q[0] = 0.9 - 0.3 * width;
+    motion.state.q[0] = start;
     for k in 0..2000 {
         let t = 0.005 * f64::from(k);
-        let way = 0.9 + width * (0.5 * (1.1 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos());
-        let u = 4.0 * (way - motion.state.q[0]) - 0.3 * motion.state.v[0];
+        let u = 4.0 * (way(t) - motion.state.q[0]) - 0.3 * motion.state.v[0];
         joint.position.time.push(t);
         joint.position.value.push(plant.reading(&motion, 0) + noise * noise::normal(&mut random));
         let effort = joint.effort.as_mut().unwrap();

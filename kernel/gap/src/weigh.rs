@@ -414,6 +414,11 @@ impl<'a> Search<'a> {
         nameless.evidence > 2.0 * CONVINCING && nameless.force > MATERIAL * self.typical_force()[*joint]
     }
 
+    /// Do a fit's errors say that such a force is there, where those that hang together count as few?
+    pub fn is_plain(&self, fit: &Fit, nameless: &Nameless) -> bool {
+        nameless.evidence > 2.0 * CONVINCING * self.problem.persistence(&fit.errors, &nameless.change)
+    }
+
     /// Does a fit leave such a force?
     pub fn leaves_a_force(&self, fit: &Fit, scale: f64) -> Result<bool, GapError> {
         Ok(self.nameless(fit, scale)?.is_some_and(|left| self.is_a_force(&left)))
