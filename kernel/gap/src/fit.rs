@@ -15,7 +15,8 @@
 //!
 //! and anew after one that did not. While names are sought they are taken from runs to first order, which cost a third: a step
 //! asks of derivatives where to go, and the errors, which are exact, say whether it was right. Where such a step fails, they are taken
-//! exactly.
+//! exactly, and where one along exact ones brings more or less than it should, to both sides: beside a joint that comes to rest the errors have
+//! an edge.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -243,6 +244,9 @@ impl Derivatives<'_> {
 /// Share of the fall it should have brought from which on a step did what was foretold, and how often one is damped.
 const TRUST: f64 = 0.25;
 const TRIES: usize = 6;
+/// Share of the fall that it should have brought by which a step along exact derivatives differs from it, from which on those on the other side
+/// are others: a joint that comes to rest sticks there on one side of a number and turns round on the other.
+const ASTRAY: f64 = 0.3;
 /// How many times more than its last step a fit may still gain.
 const HOPE: f64 = 5.0;
 /// Share of a cost beyond noise that is no progress.
@@ -250,6 +254,11 @@ const TRIFLE: f64 = 2e-4;
 /// How much farther than other differences those to both sides reach: whether a joint sticks a row sooner or later is chance, and what that
 /// does to a derivative falls with its reach, while curvature cancels.
 const WIDE: f64 = 4.0;
+/// Change of all errors together over a difference, in their deviations: large beside what chance adds where a joint sticks a row sooner or
+/// later, and so small that errors go straight. It is that if they change by more than the other; of a difference so much is left at the least.
+const APART: f64 = 4.0;
+const FAR_APART: f64 = 12.0;
+const LEAST_SHARE: f64 = 1e-2;
 /// Rows of derivatives that are multiplied at a time.
 const BLOCK: usize = 2048;
 /// Most rows over which errors go on.
@@ -351,10 +360,15 @@ impl Fit {
         let noise = 0.5 * problem.measured() as f64;
         let rough = problem.roughly();
         let mut exactly = !begin.roughly;
+        let mut both_sides = false;
         for _ in 0..effort.rounds {
             let fresh = !kept;
             if fresh {
-                self.differentiate(if exactly { problem } else { &rough }, begin.frozen)?;
+                if both_sides {
+                    self = self.differentiated(problem, begin.frozen)?;
+                } else {
+                    self.differentiate(if exactly { problem } else { &rough }, begin.frozen)?;
+                }
             }
             let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
             kept = fall > TRUST * foretold;
@@ -364,6 +378,7 @@ impl Fit {
             if fall < enough && (fresh && exactly || kept || foretold.abs() < enough) {
                 break;
             }
+            both_sides |= fresh && exactly && foretold > enough && (fall / foretold - 1.0).abs() > ASTRAY;
             exactly |= fresh && !kept;
             if self.evidence(self.judged, scale) + HOPE * fall.max(foretold) < effort.bar - HOPE {
                 break;
@@ -376,12 +391,18 @@ impl Fit {
     fn differentiate(&mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
         let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
         let which: Vec<usize> = (jacobian.len()..self.hypothesis.x.len()).collect();
-        let (hypothesis, x) = (&self.hypothesis, &self.hypothesis.x);
-        jacobian.extend(if problem.rough && !which.is_empty() {
-            problem.jacobian(hypothesis, x, &problem.errors(hypothesis, x)?, &which)?
-        } else {
-            problem.jacobian(hypothesis, x, &self.errors, &which)?
-        });
+        let rough = if problem.rough && !which.is_empty() { Some(problem.errors(&self.hypothesis, &self.hypothesis.x)?) } else { None };
+        let errors = rough.as_ref().unwrap_or(&self.errors);
+        jacobian.extend(problem.jacobian(&self.hypothesis, &self.hypothesis.x, errors, &which)?);
+        // Where errors go far within a difference they do not go straight.
+        let fitted = &mut self.hypothesis.fitted;
+        let far = |p: &usize| jacobian[*p].norm() * fitted[*p].difference > FAR_APART;
+        let far: Vec<usize> = which.into_iter().filter(far).collect();
+        for p in &far {
+            fitted[*p].difference *= (APART / (jacobian[*p].norm() * fitted[*p].difference)).max(LEAST_SHARE);
+        }
+        let nearer = problem.jacobian(&self.hypothesis, &self.hypothesis.x, errors, &far)?;
+        far.into_iter().zip(nearer).for_each(|(p, column)| jacobian[p] = column);
         self.jacobian = jacobian;
         self.since = 0.0;
         Ok(())
