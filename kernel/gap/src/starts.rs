@@ -91,7 +91,10 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "soft_close_damper" => (2..20).map(|i| vec![2.0 * f / v, low + 0.05 * f64::from(i) * r, 0.5 * f / r]).collect(),
         "hard_stop" => {
             let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
-            vec![vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]]
+            // At the ends of the motion; a soft one also where the force is.
+            let ends = [vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]];
+            let amid = places.iter().flat_map(|p| [1.0, -1.0].map(|side| vec![4.0 * f / r, 2.0 * f / v, *p, side]));
+            ends.into_iter().chain(amid).collect()
         }
         // The encoder is on the link unless the model says so.
         "backlash" => {

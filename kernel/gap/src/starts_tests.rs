@@ -41,6 +41,15 @@ fn a_limit_that_most_efforts_exceed_is_begun_near() {
     }
 }
 
+/// A buffer that gives way is left far behind by a hand that pushes on, and the ends of the motion say nothing of where it begins.
+#[test]
+fn a_soft_stop_amid_the_motion_is_begun_where_its_force_is() {
+    let begun = starts("hard_stop", &view());
+    for side in [1.0, -1.0] {
+        assert!(begun.iter().any(|v| v[2].abs() < 0.05 && v[3] == side), "{begun:?}");
+    }
+}
+
 #[test]
 fn a_payload_beside_the_links_center_is_begun_near() {
     let view = view();
