@@ -92,7 +92,7 @@ impl<'a> Climb<'a> {
         Ok(best.unwrap_or(self))
     }
 
-    /// Names one after the other until none is there; false where that takes a name that is too small and none may be.
+    /// Names one after the other until none is there. False, and not at its end, where a name that is too small comes up and none may be held.
     fn ascend(&mut self, ascent: &Ascent<'_>, with_small: bool) -> Result<bool, GapError> {
         while self.chosen.len() < MOST && self.names_one(ascent)? {
             if self.holds_small && !with_small {

@@ -223,9 +223,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         (true, true) => CERTAIN,
         (true, false) => f64::INFINITY,
     };
-    // Nor does one that predicts data so that nothing was fitted to, where errors say it that hang together.
-    let well = near(gap.held_out.as_ref().unwrap_or(&gap.train));
-    let unexplained = remainder.filter(|(_, n)| !well || search.is_plain(&current, n)).and_then(|(joint, n)| {
+    // Nor does one that predicts unseen data so well, if the errors that hint at it hang together.
+    let predicts_well = near(gap.held_out.as_ref().unwrap_or(&gap.train));
+    let unexplained = remainder.filter(|(_, n)| !predicts_well || search.is_plain(&current, n)).and_then(|(joint, n)| {
         let share = n.force / (lacking.hypot(n.force)).max(1e-12);
         let felt = n.force > MATERIAL * typical[joint] || off;
         let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;

@@ -255,8 +255,9 @@ const TRIFLE: f64 = 2e-4;
 /// does to a derivative falls with its reach, while curvature cancels.
 const WIDE: f64 = 4.0;
 /// Change of all errors together over a difference, in their deviations: large beside what chance adds where a joint sticks a row sooner or
-/// later, and so small that errors go straight. It is that if they change by more than the other; of a difference so much is left at the least.
+/// later, and so small that errors go straight.
 const APART: f64 = 4.0;
+/// The change from which on a difference is made smaller, to [`APART`], and the share of it that is left at the least.
 const FAR_APART: f64 = 12.0;
 const LEAST_SHARE: f64 = 1e-2;
 /// Rows of derivatives that are multiplied at a time.
@@ -363,12 +364,10 @@ impl Fit {
         let mut both_sides = false;
         for _ in 0..effort.rounds {
             let fresh = !kept;
-            if fresh {
-                if both_sides {
-                    self = self.differentiated(problem, begin.frozen)?;
-                } else {
-                    self.differentiate(if exactly { problem } else { &rough }, begin.frozen)?;
-                }
+            if fresh && both_sides {
+                self = self.differentiated(problem, begin.frozen)?;
+            } else if fresh {
+                self.differentiate(if exactly { problem } else { &rough }, begin.frozen)?;
             }
             let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
             kept = fall > TRUST * foretold;

@@ -22,7 +22,7 @@ pub(crate) struct Nameless {
     pub over: &'static str,
     /// Logarithm of its evidence over that of no force.
     pub evidence: f64,
-    /// How it changes the errors.
+    /// How it changes the errors, in the linear response: as many as the fit's, in their deviations.
     pub change: DVector<f64>,
     /// RMS of the force, N m or N.
     pub force: f64,
@@ -141,7 +141,8 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
             continue;
         }
         let k = columns.len();
-        let (matrix, right) = span.products(&DMatrix::from_columns(&columns));
+        let columns = DMatrix::from_columns(&columns);
+        let (matrix, right) = span.products(&columns);
         let right = -right;
         let variance = scale * scale;
         for prior in [0.003, 0.01, 0.03, 0.1, 0.3, 1.0].map(|share| share * size) {
@@ -161,7 +162,7 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
                 best = Some(Nameless {
                     over: group.over,
                     evidence,
-                    change: columns.iter().zip(force.iter()).fold(DVector::zeros(columns[0].len()), |sum, (c, f)| sum + c * *f),
+                    change: &columns * &force,
                     force: (square / along.len() as f64).sqrt(),
                     region: region(&places, &along),
                 });
