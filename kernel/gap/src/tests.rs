@@ -17,7 +17,7 @@ use crate::observer::{self, Errors, Gains, Noise};
 use crate::plant::Plant;
 use crate::response::Response;
 use crate::search::{Candidate, Search};
-use crate::trajectory::{Drive, Trajectory};
+use crate::trajectory::Trajectory;
 use crate::windows::{Seek, Smoothed, likely_noise};
 
 pub(crate) fn door() -> ObjectModel {
