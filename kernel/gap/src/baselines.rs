@@ -53,12 +53,24 @@ const PASSES: usize = 4;
 /// Joints that the regression looks at: the worst ones.
 const MOST: usize = 3;
 
-/// The pooled gap of each other way that changes the model. One that cannot be simulated is left out.
-pub(crate) fn baselines(search: &Search<'_>, measure: &Measure<'_>, refitted: &Fit, scale: f64, seed: u64) -> BTreeMap<String, f64> {
+/// The pooled gap of each other way that changes the model. One that cannot be simulated is left out. Where the answer's numbers are fitted
+/// over windows, of this measure, those of the free refit are, too.
+pub(crate) fn baselines(
+    search: &Search<'_>,
+    measure: &Measure<'_>,
+    refitted: &Fit,
+    scale: f64,
+    seed: u64,
+    over_windows: Option<&Measure<'_>>,
+) -> BTreeMap<String, f64> {
     let ways = ["free_refit", "learned_residual", "sparse_regression"];
     let gap = |way: &&str| -> Result<f64, GapError> {
         match *way {
-            "free_refit" => measure.pooled(&free_refit(search, refitted, scale)?.hypothesis, None),
+            "free_refit" => {
+                let free = free_refit(search, refitted, scale)?;
+                let over = over_windows.map_or(Ok(None), |own| search.over_windows(&free, own))?;
+                measure.pooled(&over.map_or(free, |f| f.fit).hypothesis, None)
+            }
             "learned_residual" => {
                 let residual = remainder::learn(search, refitted, scale, seed)?;
                 measure.pooled(&refitted.hypothesis, residual.as_ref())
@@ -120,7 +132,7 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     let jacobian = problem.jacobian(&start.hypothesis, &start.hypothesis.x, &start.errors, &all)?;
     let condensed = start.hypothesis.condensed(&jacobian, scale);
     // Numbers that were let go stand where they stood only if those kept are asked anew.
-    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::FRESH)
+    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::ROUGH)
 }
 
 /// One term of the library on one joint.

@@ -85,7 +85,7 @@ impl<'a> Climb<'a> {
             (ascent.say)(&format!("  looking again from {}", rival.chosen[0].best.effect));
             let leader = best.as_ref().unwrap_or(&self);
             // One that cannot be simulated on its way is none.
-            if rival.ascend(ascent, leader.holds_small).is_ok_and(|arrived| arrived) && rival.beats(leader, ascent) {
+            if rival.ascend(ascent, leader.holds_small).is_ok_and(|arrived| arrived) && rival.beats(leader, &measure) {
                 best = Some(rival);
             }
         }
@@ -257,17 +257,10 @@ impl<'a> Climb<'a> {
         (0..candidates.len()).filter(likely).take(RIVALS).map(begin).collect()
     }
 
-    /// Is it the likelier of two, each name being asked for its share, and does it predict whole windows much better? Evidence alone is sure of
-    /// names that make every row a little likelier and lose the motion within a window.
-    fn beats(&self, other: &Self, ascent: &Ascent<'_>) -> bool {
-        // Under the noise of the one that asks for less of it.
-        let noisier = self.search.problem.disturbance.share > other.search.problem.disturbance.share;
-        let search = if noisier { &other.search } else { &self.search };
-        let on = |climb: &Self| climb.current.under(&search.problem).and_then(|fit| search.fit_on(fit, self.scale.min(other.scale)));
-        let (Ok(own), Ok(theirs)) = (on(self), on(other)) else { return false };
-        let scale = search.scale(&own).min(search.scale(&theirs));
-        let worth = |fit: &Fit, climb: &Self| search.evidence(fit, scale) - CONVINCING * climb.chosen.len() as f64;
-        worth(&own, self) > worth(&theirs, other) + CONVINCING && search.left_of_gap(ascent.model, &theirs, &own, ascent.window) < FALL
+    /// Does it predict whole windows better than another, each name being asked for its share? Where a model is far off evidence is sure of names
+    /// that make every row a little likelier and lose the motion within a window.
+    fn beats(&self, other: &Self, measure: &Measure<'_>) -> bool {
+        self.search.leads_over_windows(&self.current, &other.current, measure).is_ok_and(|lead| lead > CONVINCING)
     }
 }
 

@@ -148,20 +148,48 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         confirmed.clear();
     }
     current = current.with_sines_wrapped();
-    let told = match chosen.is_empty() {
-        true => None,
-        false => {
-            say("following what the data hardly tell");
-            search.followed(&current, scale, &measure).ok()
+    let own = Measure::new(&search, model, &trajectories, &[], options.window);
+    let (mut told, mut is_far) = (None, false);
+    if !chosen.is_empty() {
+        say("following what the data hardly tell");
+        told = search.followed(&current, scale, &measure).ok();
+        let fit = told.as_ref().map_or(&current, |t| &t.fit);
+        is_far = !search.many_joints() && own.is_far(&fit.hypothesis, options.seed);
+    }
+    if is_far {
+        say("fitting what is predicted over windows");
+        if let Some(over) = search.over_windows(told.as_ref().map_or(&current, |t| &t.fit), &own)? {
+            notes.push("the model stays far from the data over windows of time, so its numbers are those that predict these best".into());
+            told = Some(over);
         }
-    };
+        while let Some(least) = search.needless(told.as_ref().map_or(&current, |t| &t.fit), &own)? {
+            let entry = entries(&current.hypothesis)[least];
+            let gone = chosen.remove(least);
+            say(&format!("  windows are predicted as well without {}", gone.best.effect));
+            let reason = "windows are predicted as well without it, the others fitted to that".into();
+            contradicted.push(Reason { name: gone.best.effect.into(), reason });
+            current = search.fit_on(current.without(&search.problem, entry)?, scale)?;
+            scale = search.scale(&current);
+            told = search.over_windows(&current, &own)?;
+            confirmed.clear();
+        }
+        if confirmed.is_empty() && !unseen.is_empty() {
+            confirmed = search.on_unseen(&current, &refitted, &unseen, &measure, scale)?;
+        }
+    }
     let mut remainder = search.nameless(&current, scale)?;
     let nameless = search.nameless(&refitted, scale)?;
     say("predicting over windows, beside other ways");
     let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
     let (predicted, mut others) = rayon::join(
         || predict(told.as_ref().map_or(&current, |t| &t.fit)),
-        || if options.baselines { baselines(&search, &measure, &refitted, scale, options.seed) } else { BTreeMap::new() },
+        || {
+            if options.baselines {
+                baselines(&search, &measure, &refitted, scale, options.seed, is_far.then_some(&own))
+            } else {
+                BTreeMap::new()
+            }
+        },
     );
     let (mut gap, mut predicted) = predicted?;
     // Names that leave data far off which nothing was fitted to are the nearest neighbours, no more, where most of the gap is left, or where a

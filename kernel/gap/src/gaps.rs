@@ -13,12 +13,12 @@ use crate::noise;
 use crate::observer::Noise;
 use crate::plant::Plant;
 use crate::report::{Gap, Gaps, JointGap};
-use crate::search::{FLOOR, Search};
+use crate::search::{FLOOR, STEP, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::{Figures, Smoothed, Window};
 
 /// Longest step of the last fits and of predictions, s.
-pub(crate) const FINE: f64 = 1e-3;
+pub(crate) const FINE: f64 = 1.25e-3;
 
 /// How many times its noise floor a gap may be before something is missing for certain.
 const FAR: f64 = 3.0;
@@ -59,13 +59,19 @@ impl<'a> Measure<'a> {
     pub fn is_far(&self, hypothesis: &Hypothesis, seed: u64) -> bool {
         let floor = || {
             let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
-            let plants = [&made(crate::search::STEP)?, &made(FINE)?];
+            let plants = [&made(STEP)?, &made(FINE)?];
             let smoothed = Smoothed::roughly(plants[0], plants[1], self.data, &self.noise)?;
             let invented = invented(plants, &smoothed, (self.data, &self.noise), (self.window, &self.ranges), seed);
             let smoothed = Smoothed::roughly(plants[0], plants[1], &invented, &self.noise)?;
             Ok::<f64, GapError>(smoothed.pooled(plants[1], &invented, self.window, &self.ranges))
         };
-        let found = || Ok::<bool, GapError>(self.pooled(hypothesis, None)? > FAR * floor()?);
+        // No floor is lower than the noise of positions.
+        let shares = self.noise.position.iter().zip(&self.ranges).map(|(noise, range)| (noise / range).powi(2));
+        let lowest = (shares.sum::<f64>() / self.ranges.len() as f64).sqrt();
+        let found = || {
+            let gap = self.pooled(hypothesis, None)?;
+            Ok::<bool, GapError>(gap > FAR * lowest && gap > FAR * floor()?)
+        };
         found().unwrap_or(true)
     }
 
@@ -73,8 +79,14 @@ impl<'a> Measure<'a> {
     pub fn by_window(&self, hypothesis: &Hypothesis) -> Result<Vec<f64>, GapError> {
         let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
         let fine = made(FINE)?;
-        let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
+        let smoothed = Smoothed::roughly(&made(STEP)?, &fine, self.data, &self.noise)?;
         Ok(smoothed.by_window(&fine, self.data, self.window, &self.ranges))
+    }
+
+    /// Starts of windows as a hypothesis sees them, for others to go on from.
+    pub fn started(&self, hypothesis: &Hypothesis) -> Result<Started<'_>, GapError> {
+        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
+        Ok(Started { measure: self, smoothed: Smoothed::roughly(&made(STEP)?, &made(FINE)?, self.data, &self.noise)? })
     }
 
     /// Of a hypothesis where it stands, with a learned force besides.
@@ -82,10 +94,24 @@ impl<'a> Measure<'a> {
         let predict = || {
             let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
             let fine = made(FINE)?;
-            let smoothed = Smoothed::roughly(&made(crate::search::STEP)?, &fine, self.data, &self.noise)?;
+            let smoothed = Smoothed::roughly(&made(STEP)?, &fine, self.data, &self.noise)?;
             Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
         };
         if residual.is_some() { predict() } else { self.memory.or_else(hypothesis, self.window, predict) }
+    }
+}
+
+/// Windows that begin as one model sees the data.
+pub(crate) struct Started<'a> {
+    measure: &'a Measure<'a>,
+    smoothed: Smoothed,
+}
+
+impl Started<'_> {
+    /// Errors of each window with a hypothesis at `x`, in shares of the joints' ranges: see [`Smoothed::errors`].
+    pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<Vec<Vec<f64>>, GapError> {
+        let Measure { data, ranges, window, limits, .. } = self.measure;
+        Ok(self.smoothed.errors(&hypothesis.plant(x, limits, STEP)?, data, *window, ranges))
     }
 }
 
@@ -132,7 +158,7 @@ pub(crate) fn gaps(
     };
     let plants = made(FINE)?;
     // Following the data takes no finer steps than the search did.
-    let followers = made(crate::search::STEP)?;
+    let followers = made(STEP)?;
     let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Window>>), GapError> {
         // By the data alone, so that anyone who has them finds the same figures.
         let noise = noise::of_motion(data, n, FLOOR);

@@ -24,6 +24,9 @@ mod noise;
 #[cfg(test)]
 mod noisy_tests;
 mod observer;
+mod output_error;
+#[cfg(test)]
+mod output_error_tests;
 mod page;
 mod part;
 mod plant;

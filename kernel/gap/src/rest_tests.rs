@@ -72,7 +72,7 @@ fn a_learned_force_stands_in_for_a_smooth_one() {
     let measure = Measure::new(&search, &model, &train, &unseen, 1.0);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..refitted.hypothesis.clone() };
     let before = measure.pooled(&untouched, None).unwrap();
-    let all = baselines(&search, &measure, &refitted, search.scale(&refitted), 1);
+    let all = baselines(&search, &measure, &refitted, search.scale(&refitted), 1, None);
     assert_eq!(all.len(), 3);
     assert!(all["learned_residual"] < 0.2 * before, "{all:?}");
     assert!(all["free_refit"] <= 1.05 * before, "{all:?}");

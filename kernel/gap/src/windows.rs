@@ -280,6 +280,25 @@ impl Smoothed {
         window
     }
 
+    /// Errors of each window by row and joint, in shares of the joints' ranges, so that their squares sum to the square of the window's RMS.
+    pub fn errors(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<Vec<f64>> {
+        let n = ranges.len();
+        let of = |window: Window| {
+            let measured = &trajectories[window.trajectory].position[window.first * n..];
+            let mut counts = vec![0.0f64; n];
+            let mut errors: Vec<f64> = window.position.iter().zip(measured).map(|(p, y)| p - y).collect();
+            for (i, error) in errors.iter_mut().enumerate() {
+                let (range, known) = (ranges[i % n], measured[i].is_finite());
+                counts[i % n] += f64::from(u8::from(known));
+                *error = if known && error.is_nan() { 1.0 } else { (*error / range).clamp(-1.0, 1.0) };
+                *error = if known { *error } else { 0.0 };
+            }
+            errors.iter_mut().enumerate().for_each(|(i, e)| *e /= (counts[i % n].max(1.0) * n as f64).sqrt());
+            errors
+        };
+        self.predict(plant, trajectories, length).into_iter().map(of).collect()
+    }
+
     /// RMS in each window, in shares of the joints' ranges.
     pub fn by_window(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<f64> {
         let of = |window: &Vec<[f64; 2]>| {

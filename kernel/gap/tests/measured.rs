@@ -45,6 +45,8 @@ fn friction_that_grows_with_the_load_of_a_servo_has_its_name_and_predicts_a_gain
     // Viscous and dry friction are among what the free refit may choose.
     let (after, plain) = (found.gap.held_out.as_ref().unwrap().after, found.baselines["free_refit"]);
     assert!(after < plain / 1.5, "{after} with what was named, {plain} with plain friction");
+    let sparse = found.baselines["sparse_regression"];
+    assert!(after < sparse, "{after} with what was named, {sparse} by sparse regression");
 }
 
 /// Magnets hold a kitchen cabinet's door, near where it is shut (Jain and Kemp 2013).
