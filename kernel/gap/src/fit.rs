@@ -387,7 +387,7 @@ impl Fit {
     }
 
     /// Takes derivatives where the fit stands, but for those that are frozen. The problem may be stepped more roughly than the fit's.
-    fn differentiate(&mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
+    pub fn differentiate(&mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
         let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
         let which: Vec<usize> = (jacobian.len()..self.hypothesis.x.len()).collect();
         let rough = if problem.rough && !which.is_empty() { Some(problem.errors(&self.hypothesis, &self.hypothesis.x)?) } else { None };

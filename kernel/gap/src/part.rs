@@ -1,5 +1,5 @@
-//! A part of the data, by which a search on a robot's arm begins: starts are compared and first steps taken over stretches of it. What is
-//! named is fitted and judged over all of it.
+//! A part of the data, by which a search begins: starts are compared and first steps taken over stretches of it. What is named is fitted and
+//! judged over all of it.
 
 use nalgebra::DVector;
 
@@ -9,19 +9,22 @@ use crate::memory::Memory;
 use crate::search::Search;
 use crate::trajectory::Trajectory;
 
-/// Errors that tell well enough where to begin.
+/// Errors that tell well enough where to begin, on a robot's arm and on few joints, and those that tell how large noises are, to a factor of
+/// two.
 const ENOUGH: usize = 10_000;
+const ENOUGH_OF_FEW: usize = 4_500;
+const ENOUGH_FOR_NOISE: usize = 2_500;
 /// Length of a stretch, s: much longer than the filter remembers.
 const STRETCH: f64 = 1.0;
 
-/// Of how many stretches one tells enough, where so many errors are in all.
-fn every(errors: usize) -> usize {
-    (errors as f64 / ENOUGH as f64).round() as usize
+/// Of how many stretches one holds enough errors, where there are so many in all.
+fn every(errors: usize, enough: usize) -> usize {
+    (errors as f64 / enough as f64).round() as usize
 }
 
 /// Stretches that tell enough of the noise; none where that takes all of the data.
 pub(crate) fn stretches(trajectories: &[Trajectory]) -> Option<Vec<Trajectory>> {
-    let every = every(trajectories.iter().map(|t| t.position.len()).sum());
+    let every = every(trajectories.iter().map(|t| t.position.len()).sum(), ENOUGH_FOR_NOISE);
     (every > 1).then(|| trajectories.iter().map(|t| t.thinned(STRETCH, every).0).collect())
 }
 
@@ -34,8 +37,8 @@ pub(crate) struct Part {
 impl Search<'_> {
     /// The part by which a search begins; none where all of the data are no more than that.
     pub fn part(&self) -> Option<Part> {
-        let every = every(self.problem.measured());
-        if !self.many_joints() || every < 2 {
+        let every = every(self.problem.measured(), if self.many_joints() { ENOUGH } else { ENOUGH_OF_FEW });
+        if every < 2 {
             return None;
         }
         let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };

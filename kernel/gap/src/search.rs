@@ -105,7 +105,7 @@ impl<'a> Search<'a> {
 
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
-        let Some(part) = self.part() else {
+        let Some(part) = self.part().filter(|_| self.many_joints()) else {
             let fit = self.in_response(Hypothesis::known(model, &self.joints), scale)?;
             return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
         };
@@ -169,16 +169,21 @@ impl<'a> Search<'a> {
     pub fn stage_within(&self, base: &Fit, scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base, scale)?;
         let mut all = match self.part() {
-            None => {
-                let (first, rest) = self.divided(base, self.begun(base, &views, scale, most)?, scale);
-                let mut all = self.finished(base, first, scale);
-                all.extend(rest);
-                all
+            None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale), scale),
+            Some(part) if !self.many_joints() => {
+                let light = self.over(&part.trajectories);
+                // What is visited seldom, or shows a little, is seen in all of them.
+                let screened = self.screen(base, &views, scale, most)?;
+                let begun = light.begun(&part.of(&light, base)?, &views, screened, scale);
+                let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
+                begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+                self.ended(base, begun, scale)
             }
             Some(part) => {
                 let light = self.over(&part.trajectories);
                 let base_there = part.of(&light, base)?;
-                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, scale, most)?, scale);
+                let screened = light.screen(&base_there, &views, scale, most)?;
+                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, screened, scale), scale);
                 let mut all = light.finished(&base_there, first, scale);
                 light.rank(&mut all, scale);
                 // All of the data say as much more as they are more.
@@ -196,14 +201,15 @@ impl<'a> Search<'a> {
     }
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
-    fn begun(&self, base: &Fit, views: &[JointView], scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
+    fn begun(&self, base: &Fit, views: &[JointView], screened: Vec<Screened>, scale: f64) -> Vec<Candidate> {
         let known = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
+        let effort = Effort { bar: self.evidence(base, scale), ..Effort::new(QUICK, 0.5) };
         let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
             let known = if self.many_joints() || fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
-            let fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), known).ok()?;
+            let fit = fit.improve(&self.problem, scale, effort, known).ok()?;
             let evidence = self.evidence(&fit, scale);
             evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
         };
@@ -213,7 +219,7 @@ impl<'a> Search<'a> {
             candidates.retain(|c| seen.insert((c.effect, c.joint)));
         };
         let mut begins: Vec<(&str, Option<usize>, Hypothesis)> = Vec::new();
-        for Screened { effect, joint, hypothesis, .. } in self.screen(base, views, scale, most)? {
+        for Screened { effect, joint, hypothesis, .. } in screened {
             // Losses of an arm's other joints are what their own data say.
             let own = joint.filter(|_| self.many_joints()).map(|j| self.joints[j]);
             begins.extend(hypothesis.as_given(LED_ASTRAY, own).map(|given| (effect, joint, given)));
@@ -235,7 +241,17 @@ impl<'a> Search<'a> {
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).filter_map(beside).collect();
         begun.extend(more);
         best(&mut begun);
-        Ok(begun)
+        begun
+    }
+
+    /// A candidate that was begun over a part of the data, as all of them see it: there an effect whose inner state is not known where a stretch
+    /// begins is judged fairly.
+    fn carried(&self, base: &Fit, candidate: Candidate, scale: f64) -> Option<Candidate> {
+        let mut fit = Fit::start(&self.problem, candidate.fit.hypothesis).ok()?;
+        fit.judged = base.judged + fit.squares - base.squares;
+        fit.differentiate(&self.problem.roughly(), Some(&base.jacobian)).ok()?;
+        let evidence = self.evidence(&fit, scale);
+        evidence.is_finite().then_some(Candidate { fit, evidence, ..candidate })
     }
 
     /// What is to be fitted to the end, and the rest.
@@ -248,6 +264,14 @@ impl<'a> Search<'a> {
         let hopeful = begun.iter().take(FINALISTS).take_while(hope).count().max(2);
         let rest = begun.split_off(hopeful.min(begun.len()));
         (begun, rest)
+    }
+
+    /// All that was begun, what has hope fitted to the end.
+    fn ended(&self, base: &Fit, begun: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
+        let (first, rest) = self.divided(base, begun, scale);
+        let mut all = self.finished(base, first, scale);
+        all.extend(rest);
+        all
     }
 
     /// Fits to the end, the first of them first: what stays far behind it need not be fitted to the end.

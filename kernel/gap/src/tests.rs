@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::DVector;
@@ -16,7 +17,7 @@ use crate::observer::{self, Errors, Gains, Noise};
 use crate::plant::Plant;
 use crate::response::Response;
 use crate::search::{Candidate, Search};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Drive, Trajectory};
 use crate::windows::{Seek, Smoothed, likely_noise};
 
 pub(crate) fn door() -> ObjectModel {
@@ -136,6 +137,21 @@ fn stretches_of_the_data_are_predicted_as_within_the_whole() {
     let off: f64 = settled.iter().map(|i| (some[*i] - all[rows[*i]]).powi(2)).sum();
     let size: f64 = settled.iter().map(|i| all[rows[*i]].powi(2)).sum();
     assert!(off < 1e-4 * size, "{off} of {size}");
+}
+
+/// A joint that is led to and fro would show a search one side of its range, if stretches came as often as it does.
+#[test]
+fn stretches_show_every_phase_of_a_motion_with_a_period() {
+    let whole = Trajectory::steady(6000, 0.02, &[0.0], vec![Drive::Given]);
+    for every in 2..=5 {
+        let (_, rows) = whole.thinned(1.0, every);
+        let share = rows.len() as f64 * every as f64 / whole.rows() as f64;
+        assert!((share - 1.0).abs() < 0.1, "one of {every}: {share}");
+        for period in 2..=6 {
+            let phases: BTreeSet<usize> = rows.iter().map(|k| k / 50 % period).collect();
+            assert_eq!(phases.len(), period, "one of {every}, a motion of {period} s: {phases:?}");
+        }
+    }
 }
 
 /// So is the linear response to the model's own numbers.

@@ -17,6 +17,8 @@ const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 const CUT: (f64, f64) = (10.0, 0.1);
 
+/// By whose multiples stretches are chosen.
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
 /// some time.
 const BURN_IN: (usize, f64) = (10, 0.05);
@@ -311,10 +313,12 @@ impl Trajectory {
         self.time.len()
     }
 
-    /// One stretch of so many seconds in every so many, and the rows of which it is made.
+    /// One stretch of so many seconds of so many, and the rows of which it is made. They follow one another like multiples of the golden ratio
+    /// (Weyl 1916), so that no motion with a period shows them one side alone.
     pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
         let n = self.joints;
-        let kept = |k: &usize| (((self.time[*k] - self.time[0]) / stretch) as usize).is_multiple_of(every);
+        let turn = |k: &usize| ((self.time[*k] - self.time[0]) / stretch).floor() * GOLDEN_RATIO;
+        let kept = |k: &usize| turn(k).fract() * (every as f64) < 1.0;
         let rows: Vec<usize> = (0..self.rows()).filter(kept).collect();
         let first = |i: usize| i == 0 || rows[i] != rows[i - 1] + 1 || self.starts.contains(&rows[i]);
         let starts: Vec<usize> = (0..rows.len()).filter(|i| first(*i)).collect();

@@ -12,6 +12,7 @@ use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::observer::{Disturbance, Run};
+use crate::part;
 use crate::response::Response;
 use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
 use crate::span::Span;
@@ -362,8 +363,8 @@ impl<'a> Search<'a> {
         let mobility = self.problem.mobility(&plant);
         let drives = self.problem.drives(&plant);
         let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility, &drives);
-        let part = self.part();
-        let trajectories = part.as_ref().map_or(self.problem.trajectories, |p| &p.trajectories);
+        let part = part::stretches(self.problem.trajectories);
+        let trajectories = part.as_deref().unwrap_or(self.problem.trajectories);
         let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised], Seek::Cautiously);
         let likelier = now.times(factors);
         Ok((likelier != self.problem.disturbance).then_some(likelier))
