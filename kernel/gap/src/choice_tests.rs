@@ -11,7 +11,7 @@ use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::search::{Candidate, Search};
 use crate::starts::Seen;
-use crate::tests::{door, swing};
+use crate::tests::{door, swing, with};
 use crate::trajectory::Trajectory;
 
 /// The search's hypothesis with an effect, as if it had been fitted with these errors; the data say as much of its numbers as is given.
@@ -102,4 +102,25 @@ fn a_drift_without_a_rate_is_an_offset() {
     // The effort that is read beside a command drives nothing.
     let commanded = Circumstances { of_effort: true, seen: Seen { commanded: true, read: true, ..seen }, ..drift };
     assert_eq!(alike_by_equations("sensor_drift", commanded), [""; 0]);
+}
+
+/// The likeliest say nearly the same in many numbers, and the plain one that is part of the truth comes behind them.
+#[test]
+fn two_plain_losses_are_named_where_more_than_a_few_rich_ones_stand_before_either() {
+    let mut model = door();
+    model.joints[0].damping = 0.0;
+    let truth = with(&with(&model, "viscous_friction", &[("damping", 0.2)]), "coulomb_friction", &[("friction", 0.05)]);
+    let trajectories = [Trajectory::new(&swing(&truth, 2e-5, 1), &model).unwrap()];
+    let search = Search::new(&model, &trajectories).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let fitted = |effect: &'static str, values: &[f64]| {
+        let hypothesis = base.hypothesis.with(effect, Some("hinge"), values).unwrap();
+        let fit = search.fit_on(Fit::start(&search.problem, hypothesis).unwrap(), 1.0).unwrap();
+        Candidate { effect, joint: Some(0), evidence: search.evidence(&fit, 1.0), fit }
+    };
+    let mut candidates = vec![fitted("asymmetric_friction", &[0.05, 0.05, 0.2, 0.2]); 8];
+    candidates.push(fitted("viscous_friction", &[0.2]));
+    assert!(candidates[0].evidence > candidates[8].evidence + 100.0, "the plain one alone says all");
+    search.prefer_two(&model, &base, &mut candidates, 1.0, 1.0).unwrap();
+    assert_eq!(candidates[0].effect, "viscous_friction");
 }

@@ -199,7 +199,7 @@ impl<'a> Search<'a> {
         let more = |fit: &Fit| (current.hypothesis.x.len()..fit.hypothesis.x.len()).filter(|i| fit.is_told(*i, scale)).count();
         let fall = |c: &Candidate| current.squares - c.fit.squares;
         let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
-        let Some(plain) = candidates.iter().take(NEAREST).find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
+        let Some(plain) = candidates.iter().find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
         // Where nothing can be found beside the plain one, it stays alone. Together they have fewer numbers than the rich one.
         let mut second = self.stage_within(&plain.fit, scale, more(&best.fit) - 2).unwrap_or_default();
         second.retain(|c| more(&c.fit) < more(&best.fit));
