@@ -41,7 +41,8 @@ const USUAL: f64 = 0.9;
 const WIDE: f64 = 4.0;
 /// How many times farther than usual an effect's numbers may be.
 const UNUSUAL: f64 = 3.0;
-/// Fall of the cost from which on other numbers are worth leaving those that the filter likes best.
+/// Fall of the cost from which on other numbers are worth leaving those that the filter likes best, or a name is worth keeping that rows have
+/// convinced of: a short recording has few windows.
 const WORTH: f64 = 2.0;
 /// How many times larger than before the gap may be, where most windows are nearer.
 const AS_WELL: f64 = 1.05;
@@ -188,7 +189,7 @@ impl Search<'_> {
             // Without what a model cannot be simulated is needed.
             let Ok(without) = arrived(&with.hypothesis.without(entry), measure, typical) else { continue };
             let gain = without.least_cost() - with.least_cost();
-            if gain < least.map_or(CONVINCING, |(gain, _)| gain) {
+            if gain < least.map_or(WORTH, |(gain, _)| gain) {
                 least = Some((gain, i));
             }
         }
