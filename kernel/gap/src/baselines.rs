@@ -132,7 +132,7 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     let jacobian = problem.jacobian(&start.hypothesis, &start.hypothesis.x, &start.errors, &all)?;
     let condensed = start.hypothesis.condensed(&jacobian, scale);
     // Numbers that were let go stand where they stood only if those kept are asked anew.
-    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::ROUGH)
+    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::FRESH)
 }
 
 /// One term of the library on one joint.

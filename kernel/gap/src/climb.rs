@@ -260,7 +260,7 @@ impl<'a> Climb<'a> {
     /// Does it predict whole windows better than another, each name being asked for its share? Where a model is far off evidence is sure of names
     /// that make every row a little likelier and lose the motion within a window.
     fn beats(&self, other: &Self, measure: &Measure<'_>) -> bool {
-        self.search.leads_over_windows(&self.current, &other.current, measure).is_ok_and(|lead| lead > CONVINCING)
+        measure.lead(&self.current.hypothesis, &other.current.hypothesis).is_ok_and(|lead| lead > CONVINCING)
     }
 }
 

@@ -18,6 +18,7 @@ use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
+use crate::settled::Settled;
 use crate::trajectory::{Trajectory, going_on};
 use crate::unseen::{Unseen, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
@@ -107,7 +108,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let ascent = Ascent { model, window: options.window, seed: options.seed, say: &say };
     let mut climb = Climb::new(search, base).finish(&ascent)?;
     climb.look_again(&ascent)?;
-    let Climb { mut search, base, mut current, mut scale, mut chosen, lost, nameless_won, .. } = climb;
+    let Climb { mut search, base, mut current, mut scale, chosen, lost, nameless_won, .. } = climb;
 
     say("fitting to the end");
     let settled = search.problem.clone();
@@ -128,55 +129,46 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
     scale = search.scale(&current);
 
-    // Data that no fit and no choice has seen have a veto, once, over names that are settled: what they contradict is not there.
-    let mut contradicted: Vec<Reason> = Vec::new();
-    let mut confirmed: Vec<Unseen> = Vec::new();
     let measure = Measure::new(&search, model, &trajectories, &unseen, options.window);
-    while !unseen.is_empty() && !chosen.is_empty() {
-        confirmed = search.on_unseen(&current, &refitted, &unseen, &measure, scale)?;
-        let Some(worst) =
-            (0..confirmed.len()).filter(|i| confirmed[*i].contradicts()).min_by(|a, b| confirmed[*a].fall.total_cmp(&confirmed[*b].fall))
-        else {
-            break;
-        };
-        let all = entries(&current.hypothesis);
-        let gone = chosen.remove(worst);
-        say(&format!("  {} is contradicted by data that it was not fitted to", gone.best.effect));
-        contradicted.push(confirmed[worst].reason(gone.best.effect));
-        current = if chosen.is_empty() { refitted.clone() } else { search.fit_on(current.without(&search.problem, all[worst])?, scale)? };
-        scale = search.scale(&current);
-        confirmed.clear();
-    }
-    current = current.with_sines_wrapped();
     let own = Measure::new(&search, model, &trajectories, &[], options.window);
+    let mut settled = Settled {
+        search: &search,
+        refitted: &refitted,
+        unseen: &unseen,
+        measure: &measure,
+        say: &say,
+        current,
+        scale,
+        chosen,
+        confirmed: Vec::new(),
+        taken_back: Vec::new(),
+    };
+    settled.heed_unseen()?;
+    settled.current = settled.current.with_sines_wrapped();
     let (mut told, mut is_far) = (None, false);
-    if !chosen.is_empty() {
+    if !settled.chosen.is_empty() {
         say("following what the data hardly tell");
-        told = search.followed(&current, scale, &measure).ok();
-        let fit = told.as_ref().map_or(&current, |t| &t.fit);
+        told = search.followed(&settled.current, settled.scale, &measure).ok();
+        let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
         is_far = !search.many_joints() && own.is_far(&fit.hypothesis, options.seed);
     }
     if is_far {
         say("fitting what is predicted over windows");
-        if let Some(over) = search.over_windows(told.as_ref().map_or(&current, |t| &t.fit), &own)? {
-            notes.push("the model stays far from the data over windows of time, so its numbers are those that predict these best".into());
-            told = Some(over);
-        }
-        while let Some(least) = search.needless(told.as_ref().map_or(&current, |t| &t.fit), &own)? {
-            let entry = entries(&current.hypothesis)[least];
-            let gone = chosen.remove(least);
-            say(&format!("  windows are predicted as well without {}", gone.best.effect));
-            let reason = "windows are predicted as well without it, the others fitted to that".into();
-            contradicted.push(Reason { name: gone.best.effect.into(), reason });
-            current = search.fit_on(current.without(&search.problem, entry)?, scale)?;
-            scale = search.scale(&current);
-            told = search.over_windows(&current, &own)?;
-            confirmed.clear();
-        }
-        if confirmed.is_empty() && !unseen.is_empty() {
-            confirmed = search.on_unseen(&current, &refitted, &unseen, &measure, scale)?;
+        match settled.over_windows(told.clone(), &own) {
+            Ok(over) => {
+                notes.push(
+                    "the model stays far from the data over windows of time, so its numbers are those that predict these best".into(),
+                );
+                told = over;
+            }
+            Err(error) => {
+                notes.push(format!("the last fit, to whole windows, was left out: {error}"));
+                // Numbers of names that were taken back meanwhile are none.
+                told = told.filter(|t| entries(&t.fit.hypothesis).len() == settled.chosen.len());
+            }
         }
     }
+    let Settled { mut current, scale, mut chosen, confirmed, taken_back: mut contradicted, .. } = settled;
     let mut remainder = search.nameless(&current, scale)?;
     let nameless = search.nameless(&refitted, scale)?;
     say("predicting over windows, beside other ways");

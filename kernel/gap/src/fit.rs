@@ -169,15 +169,13 @@ impl<'a> Problem<'a> {
     /// Derivatives of the errors by some of the numbers, by differences to both sides.
     fn central_jacobian(&self, hypothesis: &Hypothesis, which: &[usize]) -> Result<Vec<DVector<f64>>, GapError> {
         let column = |&p: &usize| {
-            let (x, fitted) = (hypothesis.x[p], &hypothesis.fitted[p]);
-            let reach = WIDE * fitted.difference;
-            let sides = [(x - reach).max(fitted.bounds[0]), (x + reach).min(fitted.bounds[1])];
+            let [low, high] = hypothesis.fitted[p].sides(hypothesis.x[p]);
             let at = |x: f64| {
                 let mut moved = hypothesis.x.clone();
                 moved[p] = x;
                 self.errors(hypothesis, &moved)
             };
-            Ok((at(sides[1])? - at(sides[0])?) / (sides[1] - sides[0]))
+            Ok((at(high)? - at(low)?) / (high - low))
         };
         which.par_iter().map(column).collect()
     }
@@ -251,9 +249,6 @@ const ASTRAY: f64 = 0.3;
 const HOPE: f64 = 5.0;
 /// Share of a cost beyond noise that is no progress.
 const TRIFLE: f64 = 2e-4;
-/// How much farther than other differences those to both sides reach: whether a joint sticks a row sooner or later is chance, and what that
-/// does to a derivative falls with its reach, while curvature cancels.
-const WIDE: f64 = 4.0;
 /// Change of all errors together over a difference, in their deviations: large beside what chance adds where a joint sticks a row sooner or
 /// later, and so small that errors go straight.
 const APART: f64 = 4.0;
@@ -496,15 +491,22 @@ impl Fit {
                 first += rows;
             }
         }
-        let prior = self.hypothesis.fitted.iter().map(|f| 1.0 / (f.prior[1] * f.prior[1]));
-        let mut B = DMatrix::from_diagonal(&DVector::from_iterator(p, prior));
-        // Slopes add up to nothing at the end of a fit, so that fewer of them are free. Of few stretches nothing is learned.
-        let count = slopes.len() as f64;
-        let free = if count > p as f64 { count / (count - p as f64) } else { 0.0 };
-        slopes.iter().for_each(|g| B.ger(free, g, g, 1.0));
-        let together = &inverse * B * &inverse;
-        Some((0..p).map(|i| inverse[(i, i)].max(together[(i, i)])).collect())
+        Some(sandwich(&inverse, &slopes, &self.hypothesis.fitted))
     }
+}
+
+/// The larger of the variances `H^-1` and `H^-1 B H^-1`, with `B` the prior's information and what `slopes` add, each of a piece of the data that
+/// counts as independent of the others.
+pub(crate) fn sandwich(inverse: &DMatrix<f64>, slopes: &[DVector<f64>], fitted: &[Fitted]) -> Vec<f64> {
+    let p = fitted.len();
+    let prior = fitted.iter().map(|f| 1.0 / (f.prior[1] * f.prior[1]));
+    let mut B = DMatrix::from_diagonal(&DVector::from_iterator(p, prior));
+    // Slopes add up to nothing at the end of a fit, so that fewer of them are free. Of few pieces nothing is learned.
+    let count = slopes.len() as f64;
+    let free = if count > p as f64 { count / (count - p as f64) } else { 0.0 };
+    slopes.iter().for_each(|g| B.ger(free, g, g, 1.0));
+    let together = inverse * B * inverse;
+    (0..p).map(|i| inverse[(i, i)].max(together[(i, i)])).collect()
 }
 
 /// Minimises a sum of squares of few numbers that is cheap to have, by the same method: where it ends, and the sum there.

@@ -1,5 +1,6 @@
 //! The figures of the gap, for the model as given, refitted and with its effects, beside what noise alone makes of them.
 
+use nalgebra::DVector;
 use rayon::prelude::*;
 use sagci_dynamics::residual::Residual;
 use sagci_model::{JointKind, ObjectModel};
@@ -55,15 +56,24 @@ impl<'a> Measure<'a> {
         Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits, memory }
     }
 
+    /// A hypothesis where it stands as a plant in longer steps, by which the data are followed, and in shorter ones, which predicts.
+    fn plants(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<[Plant; 2], GapError> {
+        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
+        Ok([made(STEP)?, made(FINE)?])
+    }
+
+    /// Starts of windows as a plant sees the data.
+    fn smoothed(&self, [rough, fine]: &[Plant; 2], data: &[Trajectory]) -> Result<Smoothed, GapError> {
+        Smoothed::roughly(rough, fine, data, &self.noise)
+    }
+
     /// Is a hypothesis much farther off than noise makes one that is right? A hypothesis that cannot be simulated is.
     pub fn is_far(&self, hypothesis: &Hypothesis, seed: u64) -> bool {
         let floor = || {
-            let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
-            let plants = [&made(STEP)?, &made(FINE)?];
-            let smoothed = Smoothed::roughly(plants[0], plants[1], self.data, &self.noise)?;
-            let invented = invented(plants, &smoothed, (self.data, &self.noise), (self.window, &self.ranges), seed);
-            let smoothed = Smoothed::roughly(plants[0], plants[1], &invented, &self.noise)?;
-            Ok::<f64, GapError>(smoothed.pooled(plants[1], &invented, self.window, &self.ranges))
+            let plants = self.plants(hypothesis, None)?;
+            let smoothed = self.smoothed(&plants, self.data)?;
+            let invented = invented([&plants[0], &plants[1]], &smoothed, (self.data, &self.noise), (self.window, &self.ranges), seed);
+            Ok::<f64, GapError>(self.smoothed(&plants, &invented)?.pooled(&plants[1], &invented, self.window, &self.ranges))
         };
         // No floor is lower than the noise of positions.
         let shares = self.noise.position.iter().zip(&self.ranges).map(|(noise, range)| (noise / range).powi(2));
@@ -77,25 +87,20 @@ impl<'a> Measure<'a> {
 
     /// In each window, of a hypothesis where it stands.
     pub fn by_window(&self, hypothesis: &Hypothesis) -> Result<Vec<f64>, GapError> {
-        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
-        let fine = made(FINE)?;
-        let smoothed = Smoothed::roughly(&made(STEP)?, &fine, self.data, &self.noise)?;
-        Ok(smoothed.by_window(&fine, self.data, self.window, &self.ranges))
+        let plants = self.plants(hypothesis, None)?;
+        Ok(self.smoothed(&plants, self.data)?.by_window(&plants[1], self.data, self.window, &self.ranges))
     }
 
-    /// Starts of windows as a hypothesis sees them, for others to go on from.
+    /// Starts of windows as a hypothesis sees the data, for others to go on from.
     pub fn started(&self, hypothesis: &Hypothesis) -> Result<Started<'_>, GapError> {
-        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step);
-        Ok(Started { measure: self, smoothed: Smoothed::roughly(&made(STEP)?, &made(FINE)?, self.data, &self.noise)? })
+        Ok(Started { measure: self, smoothed: self.smoothed(&self.plants(hypothesis, None)?, self.data)? })
     }
 
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
         let predict = || {
-            let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
-            let fine = made(FINE)?;
-            let smoothed = Smoothed::roughly(&made(STEP)?, &fine, self.data, &self.noise)?;
-            Ok(smoothed.pooled(&fine, self.data, self.window, &self.ranges))
+            let plants = self.plants(hypothesis, residual)?;
+            Ok(self.smoothed(&plants, self.data)?.pooled(&plants[1], self.data, self.window, &self.ranges))
         };
         if residual.is_some() { predict() } else { self.memory.or_else(hypothesis, self.window, predict) }
     }
@@ -109,7 +114,7 @@ pub(crate) struct Started<'a> {
 
 impl Started<'_> {
     /// Errors of each window with a hypothesis at `x`, in shares of the joints' ranges: see [`Smoothed::errors`].
-    pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<Vec<Vec<f64>>, GapError> {
+    pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<Vec<DVector<f64>>, GapError> {
         let Measure { data, ranges, window, limits, .. } = self.measure;
         Ok(self.smoothed.errors(&hypothesis.plant(x, limits, STEP)?, data, *window, ranges))
     }

@@ -66,6 +66,12 @@ impl Fitted {
         if self.logarithmic { x.exp() } else { x }
     }
 
+    /// Where a difference to both sides of `x` is taken, as far as there is room.
+    pub fn sides(&self, x: f64) -> [f64; 2] {
+        let reach = WIDE * self.difference;
+        [(x - reach).max(self.bounds[0]), (x + reach).min(self.bounds[1])]
+    }
+
     pub fn coordinate(&self, value: f64) -> f64 {
         if self.logarithmic { value.max(1e-300).ln() } else { value }
     }
@@ -80,6 +86,10 @@ pub(crate) struct Hypothesis {
     /// How many of the first are the model's own known numbers.
     pub known: usize,
 }
+
+/// How much farther than other differences those to both sides reach: whether a joint sticks a row sooner or later is chance, and what that
+/// does to a derivative falls with its reach, while curvature cancels.
+const WIDE: f64 = 4.0;
 
 /// How far a logarithm may move from its prior, in standard deviations; keeps numbers finite.
 const REACH: f64 = 12.0;

@@ -47,6 +47,7 @@ mod round_trip;
 mod screen;
 mod search;
 mod second_look;
+mod settled;
 mod span;
 mod starts;
 #[cfg(test)]

@@ -42,7 +42,6 @@ fn a_model_that_lacks_something_predicts_a_second_no_better_by_numbers_fitted_to
     let there = Measure::new(&search, &door(), &train, &unseen, 1.0);
     let over = search.over_windows(&by_rows, &own).unwrap().expect("numbers that predict windows better");
     let gap = |measure: &Measure<'_>, fit: &Fit| measure.pooled(&fit.hypothesis, None).unwrap();
-    println!("{} {} {} {}", gap(&own, &over.fit), gap(&own, &by_rows), gap(&there, &over.fit), gap(&there, &by_rows));
     assert!(gap(&own, &over.fit) < 0.9 * gap(&own, &by_rows), "{} {}", gap(&own, &over.fit), gap(&own, &by_rows));
     assert!(gap(&there, &over.fit) < gap(&there, &by_rows), "{} {}", gap(&there, &over.fit), gap(&there, &by_rows));
     assert!(over.variances.unwrap().iter().all(|v| *v > 0.0));
@@ -55,7 +54,7 @@ fn a_name_that_makes_no_second_better_stays_beside_those_that_do() {
     let search = Search::new(&door(), &train).unwrap();
     let own = Measure::new(&search, &door(), &train, &[], 1.0);
     let needed = fitted(&search, sprung(&search));
-    assert_eq!(search.needless(&needed, &own).unwrap(), None);
+    assert_eq!(own.needless(&needed.hypothesis).unwrap(), None);
     let more = needed.hypothesis.with("torque_ripple", Some("hinge"), &[0.02, 12.0, 0.0]).unwrap();
-    assert_eq!(search.needless(&fitted(&search, more), &own).unwrap(), Some(2));
+    assert_eq!(own.needless(&fitted(&search, more).hypothesis).unwrap(), Some(2));
 }

@@ -4,6 +4,7 @@
 //! alone from there. The figures are root mean squares over samples, by joint; pooled over joints, the RMS of each joint's figure in
 //! shares of its range. A window that diverges counts as the joint's range.
 
+use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
@@ -189,6 +190,12 @@ fn places_after(trajectory: &Trajectory, length: f64, is_early: impl Fn(usize, u
     found
 }
 
+/// How far a prediction is off in shares of the joint's range, at the most all of it; none where nothing was measured.
+fn off(predicted: f64, measured: f64, range: f64) -> Option<f64> {
+    let error = predicted - measured;
+    measured.is_finite().then(|| if error.is_nan() { 1.0 } else { (error / range).clamp(-1.0, 1.0) })
+}
+
 /// Sum of squares and number of samples, by window and joint.
 fn sums(windows: &[Window], trajectories: &[Trajectory], ranges: &[f64]) -> Vec<Vec<[f64; 2]>> {
     let n = ranges.len();
@@ -196,10 +203,8 @@ fn sums(windows: &[Window], trajectories: &[Trajectory], ranges: &[f64]) -> Vec<
         let mut sums = vec![[0.0; 2]; n];
         let measured = &trajectories[window.trajectory].position[window.first * n..];
         for ((i, predicted), measured) in window.position.iter().enumerate().zip(measured) {
-            if measured.is_finite() {
-                let (error, range) = (predicted - measured, ranges[i % n]);
-                let error = if error.is_finite() { error.abs().min(range) } else { range };
-                sums[i % n][0] += error * error;
+            if let Some(share) = off(*predicted, *measured, ranges[i % n]) {
+                sums[i % n][0] += (share * ranges[i % n]).powi(2);
                 sums[i % n][1] += 1.0;
             }
         }
@@ -281,20 +286,15 @@ impl Smoothed {
     }
 
     /// Errors of each window by row and joint, in shares of the joints' ranges, so that their squares sum to the square of the window's RMS.
-    pub fn errors(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<Vec<f64>> {
+    pub fn errors(&self, plant: &Plant, trajectories: &[Trajectory], length: f64, ranges: &[f64]) -> Vec<DVector<f64>> {
         let n = ranges.len();
         let of = |window: Window| {
             let measured = &trajectories[window.trajectory].position[window.first * n..];
-            let mut counts = vec![0.0f64; n];
-            let mut errors: Vec<f64> = window.position.iter().zip(measured).map(|(p, y)| p - y).collect();
-            for (i, error) in errors.iter_mut().enumerate() {
-                let (range, known) = (ranges[i % n], measured[i].is_finite());
-                counts[i % n] += f64::from(u8::from(known));
-                *error = if known && error.is_nan() { 1.0 } else { (*error / range).clamp(-1.0, 1.0) };
-                *error = if known { *error } else { 0.0 };
-            }
-            errors.iter_mut().enumerate().for_each(|(i, e)| *e /= (counts[i % n].max(1.0) * n as f64).sqrt());
-            errors
+            let shares = window.position.iter().zip(measured).enumerate().map(|(i, (p, y))| off(*p, *y, ranges[i % n]));
+            let shares: Vec<Option<f64>> = shares.collect();
+            let count = |j: usize| shares.iter().skip(j).step_by(n).flatten().count().max(1);
+            let sizes: Vec<f64> = (0..n).map(|j| ((count(j) * n) as f64).sqrt()).collect();
+            DVector::from_iterator(shares.len(), shares.iter().enumerate().map(|(i, e)| e.unwrap_or(0.0) / sizes[i % n]))
         };
         self.predict(plant, trajectories, length).into_iter().map(of).collect()
     }
