@@ -20,7 +20,7 @@ use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
 use crate::trajectory::{Trajectory, going_on};
-use crate::unseen::{Unseen, set_aside};
+use crate::unseen::set_aside;
 use crate::weigh::{CONVINCING, MATERIAL};
 
 /// What may be chosen.
@@ -65,12 +65,6 @@ pub struct Found {
 const NEAR_FLOOR: f64 = 1.2;
 /// Evidence of a force without a name that is there though the gap hardly shows it.
 const CERTAIN: f64 = 100.0;
-/// What a force that names leave over is of theirs, from which on they may be its neighbours alone, and the share of what they say that one
-/// without a name has to say then: its knots cost it what a shape that is right does not pay.
-const GOOD_PART: f64 = 0.1;
-const NEARLY: f64 = 0.9;
-/// Share of the gap that names may leave where much more is left than noise makes.
-const MOST_OF_IT: f64 = 0.5;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -168,40 +162,26 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             }
         }
     }
-    let Settled { mut current, scale, mut chosen, confirmed, taken_back: mut contradicted, .. } = settled;
-    let mut remainder = search.nameless(&current, scale)?;
-    let nameless = search.nameless(&refitted, scale)?;
+    let mut remainder = search.nameless(&settled.current, settled.scale)?;
+    let nameless = search.nameless(&refitted, settled.scale)?;
     say("predicting over windows, beside other ways");
     let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
     let (predicted, mut others) = rayon::join(
-        || predict(told.as_ref().map_or(&current, |t| &t.fit)),
+        || predict(told.as_ref().map_or(&settled.current, |t| &t.fit)),
         || {
             if options.baselines {
-                baselines(&search, &measure, &refitted, scale, options.seed, is_far.then_some(&own))
+                baselines(&search, &measure, &refitted, settled.scale, options.seed, is_far.then_some(&own))
             } else {
                 BTreeMap::new()
             }
         },
     );
     let (mut gap, mut predicted) = predicted?;
-    // Names that leave data far off which nothing was fitted to are the nearest neighbours, no more, where most of the gap is left, or where a
-    // good part of the force is and one without a name says nearly as much as all of them. So are names that no such data confirm, where it
-    // says more.
-    let mut come_near = None;
-    if let (Some(left), Some((_, all)), false) = (&remainder, &nameless, chosen.is_empty()) {
-        let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-        let said = search.evidence_in_fit(&current, scale) - search.evidence_in_fit(&refitted, scale);
-        let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
-        let good_part = left.1.force > GOOD_PART * search.explained_force(&current, &refitted)?;
-        let unconfirmed = !unseen.is_empty() && !confirmed.iter().any(Unseen::confirms);
-        if far && shown.after > MOST_OF_IT * shown.refitted {
-            come_near = Some("most of the gap is left");
-        } else if far && search.is_a_force(left) && good_part && all.evidence > NEARLY * said
-            || unconfirmed && all.evidence > said + 2.0 * CONVINCING
-        {
-            come_near = Some("a force without a name fits better");
-        }
-    }
+    let come_near = match (&remainder, &nameless) {
+        (Some(left), Some((_, all))) => settled.only_near(gap.held_out.as_ref().unwrap_or(&gap.train), left, all)?,
+        _ => None,
+    };
+    let Settled { mut current, scale, mut chosen, confirmed, taken_back: mut contradicted, .. } = settled;
     if let Some(why) = come_near {
         contradicted
             .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));

@@ -125,6 +125,13 @@ impl Gap {
     pub(crate) fn is_far(&self) -> bool {
         self.after > FAR * self.noise_floor
     }
+
+    /// What is left of it, as a share, once the known numbers are refitted: of all windows or of the usual one, whichever is less. A window
+    /// that begins beside an unstable rest ends anywhere, and a few of them are all that a mean over windows shows.
+    pub(crate) fn left(&self) -> f64 {
+        let usual = |k: usize| self.per_joint.values().map(|j| (j.median[k] / j.range).powi(2)).sum::<f64>().sqrt();
+        (self.after / self.refitted).min(usual(2) / usual(1))
+    }
 }
 
 /// Data that a plant makes itself along others, with the noise of these: the plant is given in longer and in shorter steps.

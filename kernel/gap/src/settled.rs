@@ -3,12 +3,21 @@
 use crate::GapError;
 use crate::choice::Choice;
 use crate::fit::Fit;
+use crate::flexible::Nameless;
 use crate::gaps::Measure;
-use crate::report::Reason;
+use crate::report::{Gap, Reason};
 use crate::search::{Search, entries};
 use crate::trajectory::Trajectory;
 use crate::unseen::Unseen;
 use crate::valley::Followed;
+use crate::weigh::CONVINCING;
+
+/// What a force that names leave over is of theirs, from which on they may be its neighbours alone, and the share of what they say that one
+/// without a name has to say then: its knots cost it what a shape that is right does not pay.
+const GOOD_PART: f64 = 0.1;
+const NEARLY: f64 = 0.9;
+/// Share of the gap that names may leave where much more is left than noise makes.
+const MOST_OF_IT: f64 = 0.5;
 
 /// What is asked, and who hears of it.
 pub(crate) struct Settled<'s, 'a> {
@@ -79,5 +88,28 @@ impl Settled<'_, '_> {
             self.ask_unseen()?;
         }
         Ok(told)
+    }
+
+    /// Why the names are the nearest neighbours of what is there, no more, where they are. They leave data far off that nothing was fitted to,
+    /// and most of the gap, or a good part of the force, while one without a name says nearly as much as all of them, and they little beside
+    /// it. So are names that no such data confirm, where a force without a name says more.
+    /// `shown` is the gap with them, `left` a force on what they leave, `all` one instead of them.
+    pub fn only_near(&self, shown: &Gap, left: &(usize, Nameless), all: &Nameless) -> Result<Option<&'static str>, GapError> {
+        if self.chosen.is_empty() {
+            return Ok(None);
+        }
+        let evidence = |fit: &Fit| self.search.evidence_in_fit(fit, self.scale);
+        let said = evidence(&self.current) - evidence(self.refitted);
+        let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
+        if far && shown.left() > MOST_OF_IT {
+            return Ok(Some("most of the gap is left"));
+        }
+        let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
+        let beside = said + left.1.evidence - all.evidence;
+        let instead = all.evidence > NEARLY * said && beside < (1.0 - NEARLY) * said;
+        let instead = far && self.search.is_a_force(left) && good_part && instead;
+        let unconfirmed = !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms);
+        let better = unconfirmed && all.evidence > said + 2.0 * CONVINCING;
+        Ok((instead || better).then_some("a force without a name fits better"))
     }
 }
