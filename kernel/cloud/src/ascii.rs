@@ -5,16 +5,22 @@ use nalgebra::Point3;
 use crate::Fault;
 use crate::record::excerpt;
 
+/// A number as people's programs write it: C's on Windows writes `-nan(ind)`, `1.#QNAN` and `1.#INF`.
+fn number(word: &str) -> Option<f64> {
+    let odd = word.contains("nan(") || word.contains(".#");
+    if odd { Some(f64::NAN) } else { word.parse().ok() }
+}
+
 /// Reads `count` points of `width` words a line, of which three are the coordinates, starting with the line after `line`.
 pub(crate) fn points(body: &[u8], line: usize, count: usize, width: usize, at: [usize; 3]) -> Result<(Vec<Point3<f64>>, usize), Fault> {
     let mut points = Vec::new();
     let mut used = 0;
-    for (number, raw) in body.split(|b| *b == b'\n').enumerate() {
+    for (index, raw) in body.split(|b| *b == b'\n').enumerate() {
         if points.len() == count {
             break;
         }
         used += raw.len() + 1;
-        let here = line + number + 1;
+        let here = line + index + 1;
         let text = std::str::from_utf8(raw).map_err(|_| Fault::at(here, "is not text; is the file binary?"))?;
         if text.trim().is_empty() {
             continue;
@@ -25,7 +31,7 @@ pub(crate) fn points(body: &[u8], line: usize, count: usize, width: usize, at: [
             words += 1;
             for (slot, place) in p.iter_mut().zip(at) {
                 if place == i {
-                    *slot = word.parse().map_err(|_| Fault::at(here, format!("'{}' is not a number", excerpt(word))))?;
+                    *slot = number(word).ok_or_else(|| Fault::at(here, format!("'{}' is not a number", excerpt(word))))?;
                 }
             }
         }

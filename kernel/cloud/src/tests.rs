@@ -141,3 +141,29 @@ fn what_is_written_reads_back() {
     crate::write_parts(&path, &points, &[0, -1, 2]).unwrap();
     same(&crate::read(&path).unwrap());
 }
+
+#[test]
+fn a_header_that_keeps_points_back_is_caught() {
+    let few = |bytes: Vec<u8>, from: &str, to: &str| {
+        let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
+        [&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat()
+    };
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let lying = few(ply(format), "vertex 3", "vertex 2");
+        assert!(parse(&lying).unwrap_err().message.contains("says 2 points"), "{format}");
+    }
+    for data in ["ascii", "binary"] {
+        let lying = few(few(pcd(data), "POINTS 3", "POINTS 2"), "WIDTH 3", "WIDTH 2");
+        assert!(parse(&lying).unwrap_err().message.contains("says 2 points"), "{data}");
+    }
+}
+
+#[test]
+fn numbers_that_are_none_are_read_as_such_however_they_are_written() {
+    for word in ["nan", "NaN", "-nan", "-nan(ind)", "1.#QNAN", "-1.#IND"] {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 {word} 2\n"
+        );
+        assert!(parse(text.as_bytes()).unwrap()[0].y.is_nan(), "{word}");
+    }
+}
