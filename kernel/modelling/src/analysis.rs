@@ -45,7 +45,8 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     let thinned = prepare::thin(input)?;
     let mut notes = Vec::new();
     if thinned.factor != 1.0 {
-        notes.push(format!("the cloud seems to be in millimetres: it was multiplied by {}", thinned.factor));
+        let unit = if thinned.factor < 5e-3 { "millimetres" } else { "centimetres" };
+        notes.push(format!("the cloud seems to be in {unit}: it was multiplied by {}", thinned.factor));
     }
     if thinned.finite < input.len() {
         notes.push(format!("{} of {} points are not numbers", input.len() - thinned.finite, input.len()));
@@ -95,7 +96,7 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
     if let Some(z) = cleared.support {
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
     }
-    ground::one_object(&thinned.points, &mut cleared.object, diagonal)?;
+    notes.extend(ground::one_object(&thinned.points, &mut cleared.object, diagonal)?);
     let kept: Vec<usize> = (0..thinned.points.len()).filter(|i| cleared.object[*i]).collect();
     if kept.len() < prepare::LEAST {
         return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: prepare::LEAST });
@@ -104,6 +105,9 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
     let noise = noise(&local);
     let scale = Scale { spacing, noise };
     let world: Vec<Point3<f64>> = kept.iter().map(|i| thinned.points[*i]).collect();
+    if prepare::is_sheet(&world, &local) {
+        return Err(ModellingError::Flat { shape: "in a plane, but for the camera's noise" });
+    }
     let regions = Regions::grown(&world, &local, scale);
     let mut new_index = vec![None; thinned.points.len()];
     kept.iter().enumerate().for_each(|(new, old)| new_index[*old] = Some(new as u32));

@@ -1,12 +1,12 @@
 //! Walls behind an object: taken away where the object plainly stands before them, kept where the object is in them, as a door is.
 //!
 //! A wall is an upright plane that reaches beyond all else on two sides or more, with nothing behind it. A floor that goes on beside the
-//! object goes with it. What stands before a wall is box-like: much of it lies well before the wall, in one plane along it or on level
-//! surfaces. A door's leaf lies in the wall or swings out of it.
+//! object goes with it. What stands before a wall is box-like: much of it lies well before the wall, in one plane along it, on level
+//! surfaces, or on more planes than leaves have. A door's leaf lies in the wall or swings out of it.
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point3, Vector2, Vector3};
 
 use crate::ground::lowest_level;
 use crate::normal::Local;
@@ -24,6 +24,41 @@ const IN_WALL: f64 = 0.12;
 const BEFORE: f64 = 0.7;
 const FRONT: f64 = 0.15;
 const LEVEL: f64 = 0.1;
+
+/// Of a door whose leaves swing out of a wall at least this share lies on two planes.
+const LEAVES: f64 = 0.93;
+/// Planes that are tried for the fullest.
+const TRIED: usize = 60;
+
+/// The share of some points that the two fullest planes hold, each as thick as twice `reach`.
+fn sheets(points: &[Point3<f64>], local: &[Local], of: &[usize], reach: f64) -> f64 {
+    let mut left: Vec<usize> = of.to_vec();
+    for _ in 0..2 {
+        let on = |p: &Vector3<f64>, n: &Vector3<f64>| -> Vec<usize> {
+            left.iter().copied().filter(|i| (points[*i].coords - p).dot(n).abs() < reach).collect()
+        };
+        let mut best: Vec<usize> = Vec::new();
+        for i in left.iter().copied().step_by(left.len() / TRIED + 1) {
+            let mut held = on(&points[i].coords, &local[i].normal);
+            // A normal is as noisy as its few points.
+            for _ in 0..2 {
+                if held.len() < 10 {
+                    break;
+                }
+                let mean = held.iter().map(|i| points[*i].coords).sum::<Vector3<f64>>() / held.len() as f64;
+                let spread = held.iter().map(|i| points[*i].coords - mean).map(|d| d * d.transpose()).sum::<Matrix3<f64>>();
+                let e = spread.symmetric_eigen();
+                held = on(&mean, &e.eigenvectors.column(e.eigenvalues.imin()).into_owned());
+            }
+            if held.len() > best.len() {
+                best = held;
+            }
+        }
+        best.sort_unstable();
+        left.retain(|i| best.binary_search(i).is_err());
+    }
+    1.0 - left.len() as f64 / of.len().max(1) as f64
+}
 
 /// An upright plane: `normal . p = offset`, everything else on its positive side.
 struct Wall {
@@ -161,13 +196,29 @@ fn check(
         let cut = t.len() / 100;
         (t[cut], t[t.len() - 1 - cut])
     };
-    let (own, other) = (range(&wall, &level), range(&others, &level));
-    let (top, other_top) = (range(&wall, &Vector3::z()).1, range(&others, &Vector3::z()).1);
-    let margin = (0.15 * (other.1 - other.0).max(other_top - lowest)).max(0.1);
-    let beyond = [other.0 - own.0, own.1 - other.1, top - other_top];
-    if beyond.iter().filter(|b| **b > margin).count() < 2 || beyond.iter().any(|b| *b < -margin) {
+    let before: Vec<usize> = others.iter().copied().filter(|i| depth(*i) > IN_WALL).collect();
+    if before.len() as f64 <= BEFORE * others.len() as f64 {
         return None;
     }
+    // A front stands at one distance from the wall, a leaf that is ajar at many.
+    let mut fronts: Vec<f64> = before.iter().copied().filter(|i| local[*i].normal.dot(&normal).abs() > 0.97).map(depth).collect();
+    fronts.sort_by(f64::total_cmp);
+    let front = (0..fronts.len()).map(|k| fronts.partition_point(|d| *d < fronts[k] + 0.05) - k).max().unwrap_or_default();
+    let level_ones = before.iter().filter(|i| local[**i].normal.z.abs() > 0.97).count();
+    let boxy = front as f64 > FRONT * before.len() as f64 || level_ones as f64 > LEVEL * before.len() as f64;
+    let many_sided = sheets(points, local, &before, f64::max(0.03, 0.7 * thick)) < LEAVES;
+    let (own, top) = (range(&wall, &level), range(&wall, &Vector3::z()).1);
+    // How far an object reaches beside and above, and the margin by which a wall behind it reaches farther.
+    let inside = |object: &[usize]| {
+        let (other, other_top) = (range(object, &level), range(object, &Vector3::z()).1);
+        let margin = (0.15 * (other.1 - other.0).max(other_top - lowest)).max(0.1);
+        let beyond = [other.0 - own.0, own.1 - other.1, top - other_top];
+        let reaches = beyond.iter().filter(|b| **b > margin).count() >= 2 && beyond.iter().all(|b| *b >= -margin);
+        reaches.then_some((other, other_top, margin))
+    };
+    // Nearer to the wall its own points stray; but what is no leaf for certain is measured by what lies well before it.
+    let of_all = if boxy { inside(&others) } else { None };
+    let (other, other_top, margin) = of_all.or_else(|| if many_sided && before.len() >= 100 { inside(&before) } else { None })?;
     // Beside the object all is the wall's: that says how far its points stray.
     let apart = |i: &usize| {
         let (t, z) = (points[*i].coords.dot(&level), points[*i].z);
@@ -175,17 +226,10 @@ fn check(
     };
     let mut stray: Vec<f64> = all.iter().copied().filter(apart).map(|i| depth(i).abs()).collect();
     stray.sort_by(f64::total_cmp);
-    let thick = (1.2 * stray.get(stray.len() * 97 / 100).copied().unwrap_or_default()).clamp(thick, f64::max(thick, 0.15));
-    let before: Vec<usize> = others.iter().copied().filter(|i| depth(*i) > IN_WALL).collect();
-    // A front stands at one distance from the wall, a leaf that is ajar at many.
-    let mut fronts: Vec<f64> = before.iter().copied().filter(|i| local[*i].normal.dot(&normal).abs() > 0.97).map(depth).collect();
-    fronts.sort_by(f64::total_cmp);
-    let front = (0..fronts.len()).map(|k| fronts.partition_point(|d| *d < fronts[k] + 0.05) - k).max().unwrap_or_default();
-    let level_ones = before.iter().filter(|i| local[**i].normal.z.abs() > 0.97).count();
-    let boxy = front as f64 > FRONT * before.len() as f64 || level_ones as f64 > LEVEL * before.len() as f64;
+    let far = 1.2 * stray.get(stray.len() * 97 / 100).copied().unwrap_or_default();
+    let thick = if stray.len() < 50 { thick } else { far.clamp((3.0 * cell).max(0.012), 0.15) };
     let beside = all.iter().filter(|i| is_floor(**i) && local[**i].normal.z.abs() > 0.9).map(|i| points[*i].coords.dot(&level));
     let beside = beside.filter(|t| *t < other.0 - margin || *t > other.1 + margin).count();
     let floor = floor.filter(|_| beside * 100 > all.len());
-    let stands = before.len() as f64 > BEFORE * others.len() as f64 && boxy;
-    stands.then_some((wall.len(), Wall { normal, offset, thick, floor }))
+    Some((wall.len(), Wall { normal, offset, thick, floor }))
 }

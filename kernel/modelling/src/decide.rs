@@ -1,6 +1,6 @@
 //! What the network makes of an analysis: which side is the front, which superpoints are one part, and how each part moves.
 
-use nalgebra::{Point3, Unit, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
@@ -10,7 +10,9 @@ use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
 use crate::mask::{self, Known, chosen, rectangles};
+use crate::motion::{Motion, Still};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
+use crate::posed::Posed;
 use crate::side::Side;
 use crate::trust::{self, Expected, Trusted, expected};
 
@@ -30,8 +32,6 @@ pub enum PartClass {
 }
 
 impl PartClass {
-    const ALL: [Self; CLASSES] = [Self::Body, Self::Door, Self::Drawer, Self::Lid, Self::Flap];
-
     /// Its name in reports.
     pub fn name(self) -> &'static str {
         match self {
@@ -42,19 +42,6 @@ impl PartClass {
             Self::Flap => "flap",
         }
     }
-}
-
-/// A way in which a part may move. In W.
-#[derive(Debug, Clone)]
-pub(crate) struct Motion {
-    pub(crate) slides: bool,
-    pub(crate) axis: Unit<Vector3<f64>>,
-    pub(crate) origin: Point3<f64>,
-    pub(crate) probability: f64,
-    /// Where it stands, rad or m from shut.
-    pub(crate) state: f64,
-    /// Most that it opens.
-    pub(crate) upper: f64,
 }
 
 /// A part that moves.
@@ -483,8 +470,9 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut parts = Vec::new();
     if !groups.is_empty() {
         let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
+        let still = Still::of(&side.posed, &label);
         for g in 0..groups.len() {
-            let part = moving_part(&side, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
+            let part = moving_part(&still, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
             parts.push(Moving { confidence: confidence(g + 1), ..part });
         }
     }
@@ -494,8 +482,7 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     Ok(Decided { analysis: fine, label, decision })
 }
 
-fn moving_part(side: &Side<'_>, share: [f64; CLASSES], pieces: &[usize], candidates: &[Candidate], out: &Matrix, row: usize) -> Moving {
-    let best = (1..CLASSES).max_by(|a, b| share[*a].total_cmp(&share[*b])).unwrap_or(1);
+fn moving_part(still: &Still<'_>, share: [f64; CLASSES], pieces: &[usize], candidates: &[Candidate], out: &Matrix, row: usize) -> Moving {
     let lid = share[3] > share[4];
     let mut p = Matrix::from_fn(1, CANDIDATES, |_, c| out[(row + c, 0)]);
     softmax_rows(&mut p);
@@ -521,7 +508,7 @@ fn moving_part(side: &Side<'_>, share: [f64; CLASSES], pieces: &[usize], candida
         .enumerate()
         .map(|(c, candidate)| {
             let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-FARTHEST, FARTHEST));
-            motion(side, pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
+            still.motion(pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
         })
         .collect();
     motions.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -533,90 +520,32 @@ fn moving_part(side: &Side<'_>, share: [f64; CLASSES], pieces: &[usize], candida
     }
     let sure = motions.first().map_or(0.0, |m| m.probability);
     Moving {
-        class: PartClass::ALL[best],
+        class: motions.first().map_or(PartClass::Door, |m| class(still.posed, m, lid)),
         confidence: (1.0 - fixed).clamp(0.0, 1.0),
         pieces: pieces.to_vec(),
         probabilities: [fixed, (1.0 - fixed) * (1.0 - slides), (1.0 - fixed) * slides],
         motions,
         uncertainty: [0.02 + 0.3 * (1.0 - sure), 0.01 + 0.1 * (1.0 - sure)],
-        handle: handle(&side.posed, pieces).map(|h| {
-            let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
+        handle: handle(still.posed, pieces).map(|h| {
+            let R_WK = (still.posed.R_KA * still.posed.analysis.R_AW).inverse();
             Handle { from: R_WK * h.from, to: R_WK * h.to, outward: R_WK * h.outward, ..h }
         }),
     }
 }
 
-/// A candidate as a motion: the sign that opens, the state, the limit.
-fn motion(side: &Side<'_>, pieces: &[usize], c: &Candidate, residual: [f64; 2], probability: f64, lid: bool) -> Motion {
-    let posed = &side.posed;
-    let R_WK = (posed.R_KA * posed.analysis.R_AW).inverse();
-    let own = |i: &usize| posed.analysis.piece[*i].is_some_and(|k| pieces.contains(&(k as usize)));
-    let rest = |k: usize, share: f64| {
-        let mut v: Vec<f64> = (0..posed.points.len()).filter(|i| !own(i)).map(|i| posed.points[i][k]).collect();
-        if v.is_empty() {
-            return if share < 0.5 { posed.low[k] } else { posed.high[k] };
+/// What a part is that moves so: the two never contradict each other.
+fn class(posed: &Posed<'_>, motion: &Motion, lid: bool) -> PartClass {
+    let axis = posed.of_world(&motion.axis);
+    match (motion.slides, axis.iamax()) {
+        (true, 0) => PartClass::Drawer,
+        (true, _) | (false, 2) => PartClass::Door,
+        (false, 0) => PartClass::Lid,
+        (false, _) => {
+            if lid {
+                PartClass::Lid
+            } else {
+                PartClass::Flap
+            }
         }
-        v.sort_by(f64::total_cmp);
-        v[((v.len() - 1) as f64 * share) as usize]
-    };
-    let (axis, origin, state, upper);
-    if c.slides {
-        axis = c.axis;
-        origin = c.origin;
-        if c.axis.x > 0.5 {
-            // The foremost of the part's flat pieces across x, against the front of the rest.
-            let foremost = pieces
-                .iter()
-                .filter(|i| posed.pieces[**i].axial == Some(0))
-                .map(|i| (posed.pieces[*i].center.x, posed.analysis.superpoints[*i].points.len()))
-                .max_by_key(|x| x.1)
-                .map_or(c.origin.x, |x| x.0);
-            let out = foremost - posed.face;
-            state = if out > 0.03 { out } else { 0.0 };
-            let depth = (rest(0, 0.98) - rest(0, 0.02)).max(0.15);
-            upper = (0.8 * depth).max(state + 0.02);
-        } else {
-            state = 0.0;
-            upper = c.length.max(0.1);
-        }
-    } else {
-        origin = c.corrected(residual);
-        let about = c.axis;
-        let down = c.along;
-        // Where the free end goes first when the part opens, and along what it lies when shut.
-        let lies = if about.y.abs() < 0.5 {
-            Vector3::y()
-        } else if lid {
-            Vector3::x()
-        } else {
-            Vector3::z()
-        };
-        let opens = if about.x.abs() > 0.5 || (lid && about.y.abs() > 0.5) { Vector3::z() } else { Vector3::x() };
-        let k = lies.iamax();
-        let (low, high) = (rest(k, 0.01), rest(k, 0.99));
-        // Of the two ways to lie when shut, the one that stays within the rest of the object; where both do, the nearer one.
-        let beyond = |sign: f64| {
-            let end = origin[k] + sign * c.length;
-            (low - end).max(end - high).max(0.0)
-        };
-        let (plus, minus) = (beyond(1.0), beyond(-1.0));
-        let nearer = if down[k] >= 0.0 { 1.0 } else { -1.0 };
-        let sign = if (plus - minus).abs() > 0.25 * c.length { if plus < minus { 1.0 } else { -1.0 } } else { nearer };
-        let shut = lies * sign;
-        axis = shut.cross(&opens);
-        let mut angle = down.dot(&opens).atan2(down.dot(&shut));
-        if angle < -0.35 {
-            angle += std::f64::consts::TAU;
-        }
-        state = if (0.03..4.3).contains(&angle) { angle } else { 0.0 };
-        let usual = if opens.z > 0.5 {
-            1.9
-        } else if about.z.abs() > 0.5 {
-            2.1
-        } else {
-            1.57
-        };
-        upper = f64::max(usual, state + 0.05);
     }
-    Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper }
 }

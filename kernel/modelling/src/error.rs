@@ -4,7 +4,9 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum ModellingError {
     /// There is too little to look at.
-    #[error("the cloud holds {finite} points that are numbers ({total} in all); {least} are needed; look from nearer, or give more views")]
+    #[error(
+        "the cloud holds {finite} points with usable coordinates ({total} in all); {least} are needed; look from nearer, or give more views"
+    )]
     TooFew {
         /// Points that are finite.
         finite: usize,

@@ -14,6 +14,9 @@ pub(crate) struct Cleared {
     pub(crate) support: Option<f64>,
 }
 
+/// What is so far above a level surface does not lie on it, m, however far away the camera saw it.
+const CLEAR: f64 = 0.06;
+
 /// The lowest height at which much is level within a band, m.
 pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -> Option<f64> {
     let mut heights: Vec<f64> = (0..points.len()).filter(|i| local[*i].normal.z.abs() > 0.94).map(|i| points[i].z).collect();
@@ -45,13 +48,20 @@ pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Clear
         let cut = xs.len() / 100;
         Some([xs[cut], xs[xs.len() - 1 - cut], ys[cut], ys[ys.len() - 1 - cut]])
     };
-    let (Some(ground), Some(above)) = (footprint(&|p| (p.z - z).abs() < band), footprint(&|p| p.z > z + band)) else { return all };
+    // Far away the surface is thicker than the band: what is well above it is the object's for certain.
+    let Some(above) = footprint(&|p| p.z > z + (2.0 * band).max(CLEAR)) else { return all };
     let margin = 0.08 * (above[1] - above[0]).hypot(above[3] - above[2]);
+    let apart = |p: &Point3<f64>| p.x < above[0] - margin || p.x > above[1] + margin || p.y < above[2] - margin || p.y > above[3] + margin;
+    let mut stray: Vec<f64> = points.iter().filter(|p| (p.z - z).abs() < 2.0 * CLEAR && apart(p)).map(|p| (p.z - z).abs()).collect();
+    stray.sort_by(f64::total_cmp);
+    let thick = (1.2 * stray.get(stray.len() * 97 / 100).copied().unwrap_or_default()).clamp(0.6 * band, f64::max(CLEAR, 0.6 * band));
+    let Some(ground) = footprint(&|p| (p.z - z).abs() < band.max(thick)) else { return all };
     let beyond = [above[0] - ground[0], ground[1] - above[1], above[2] - ground[2], ground[3] - above[3]];
     if beyond.iter().filter(|b| **b > margin).count() < 2 {
         return all;
     }
-    Cleared { object: points.iter().map(|p| p.z > z + 0.6 * band).collect(), support: Some(z) }
+    let own = |p: &Point3<f64>| p.z > z + if apart(p) { thick.max(band) } else { thick };
+    Cleared { object: points.iter().map(own).collect(), support: Some(z) }
 }
 
 /// Components of points that lie nearer than a distance to one another: of each point its component, and their sizes.
@@ -114,11 +124,13 @@ fn coarse_components(points: &[Point3<f64>], cell: f64) -> (Vec<u32>, Vec<usize>
     (of, sizes)
 }
 
-/// Errors where far apart lie two things that are both large. Crumbs are marked off the object.
-pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<(), ModellingError> {
+/// Errors where far apart lie two things that are both large; where they lie less far apart, what to say of it. Crumbs are marked off the
+/// object.
+pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<Option<String>, ModellingError> {
     let kept: Vec<usize> = (0..points.len()).filter(|i| object[*i]).collect();
     let coarse: Vec<Point3<f64>> = kept.iter().map(|i| points[*i]).collect();
-    let (of, sizes) = coarse_components(&coarse, (0.15 * diagonal).clamp(0.05, 0.4));
+    let cell = (0.15 * diagonal).clamp(0.05, 0.4);
+    let (of, sizes) = coarse_components(&coarse, cell);
     let total = coarse.len();
     let large: Vec<usize> = sizes.iter().copied().filter(|s| *s * 8 > total).collect();
     if large.len() > 1 {
@@ -132,5 +144,15 @@ pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: 
             object[*i] = false;
         }
     }
-    Ok(())
+    let finer = coarse_components(&coarse, cell / 3.0).1;
+    let apart: Vec<String> =
+        finer.iter().filter(|s| **s * 8 > total).map(|s| format!("{:.0} %", 100.0 * *s as f64 / total as f64)).collect();
+    // A thing that is seen in part may well fall apart: it is modelled as one, and that is said.
+    Ok((apart.len() > 1).then(|| {
+        format!(
+            "there may be {} objects, with {} of the points: they were modelled as one; if they are several, give the cloud of one",
+            apart.len(),
+            apart.join(", ")
+        )
+    }))
 }

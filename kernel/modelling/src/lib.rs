@@ -30,6 +30,7 @@ mod grouping;
 mod handle;
 mod lens;
 mod mask;
+mod motion;
 pub mod network;
 mod normal;
 mod perceive;

@@ -11,9 +11,11 @@ use sagci_model::{
 
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
-use crate::decide::{Decided, Decision, Motion, Moving, WALLED, decide};
+use crate::decide::{Decided, Decision, Moving, WALLED, decide};
 use crate::handle::Handle;
+use crate::motion::Motion;
 use crate::network::Weights;
+use crate::prepare::brought_near;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 use crate::solid::{Shapes, Slab, shapes};
 
@@ -34,12 +36,23 @@ pub struct Perceived {
     pub model: ObjectModel,
     /// Pose of the frame that the library gives its objects: on the ground amid the object, z up, the front along -y.
     pub X_WO: Isometry3<f64>,
+    /// Metres to the input's unit of length.
+    metres: f64,
 }
 
 /// Models the object whose cloud this is: points in a world frame with z up, of one or several views.
 ///
 /// Errors: too few points, all in one plane, several objects, a size that cannot be, weights that do not fit.
 pub fn perceive(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
+    let Some(by) = brought_near(cloud) else { return near(cloud, name, weights) };
+    let moved: Vec<Point3<f64>> = cloud.iter().map(|p| p + by).collect();
+    let mut found = near(&moved, name, weights)?;
+    found.shift(&-by);
+    Ok(found)
+}
+
+/// The same of a cloud near its origin.
+fn near(cloud: &[Point3<f64>], name: &str, weights: &Weights) -> Result<Perceived, ModellingError> {
     let analyses = analyse(cloud)?;
     let Decided { analysis, label, decision } = decide(&analyses, weights)?;
     Ok(put_together(&analysis, &decision, &label, name))
@@ -51,6 +64,13 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
         let own = |i: &usize| analysis.piece[*i].is_none() && of_point[*i] == Some(id as u32);
         (0..of_point.len()).filter(own).map(|i| analysis.points[i]).collect()
     };
+    // Of each part the points as they came.
+    let mut came: Vec<Vec<Point3<f64>>> = vec![Vec::new(); decision.parts.len() + 1];
+    for (p, of) in analysis.dense.iter() {
+        if let Some(own) = of_point[*of as usize].and_then(|l| came.get_mut(l as usize)) {
+            own.push(*p);
+        }
+    }
     let mut counts = vec![0_usize; decision.parts.len() + 1];
     part.iter().filter_map(|p| usize::try_from(*p).ok()).for_each(|p| counts[p] += 1);
     let mut names: Vec<String> = vec!["body".to_owned()];
@@ -64,7 +84,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
     let in_part = |i: usize| decision.parts.iter().any(|p| p.pieces.contains(&i));
     let body: Vec<usize> = (0..analysis.superpoints.len()).filter(|i| !in_part(*i)).collect();
     let shut: Isometry3<f64> = Isometry3::identity();
-    let mut links = vec![link("body", &shapes(analysis, &body, &loose(0)), &shut, [0.75, 0.75, 0.75, 1.0])];
+    let mut links = vec![link("body", &shapes(analysis, &body, &loose(0), &came[0]), &shut, [0.75, 0.75, 0.75, 1.0])];
     let mut joints = Vec::new();
     let mut reports = Vec::new();
     let mut hypotheses = Vec::new();
@@ -73,7 +93,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
         let (Some(motion), link_name) = (p.motions.first(), &names[k + 1]) else { continue };
         let X_WL = at_state(motion);
         let hue = [[0.9, 0.5, 0.3, 1.0], [0.3, 0.6, 0.9, 1.0], [0.5, 0.8, 0.4, 1.0], [0.8, 0.7, 0.3, 1.0]][k % 4];
-        let mut own = shapes(analysis, &p.pieces, &loose(k + 1));
+        let mut own = shapes(analysis, &p.pieces, &loose(k + 1), &came[k + 1]);
         // A hand closes on the handle, however few of its points were seen, and has room behind it: a lump's box would fill that.
         if let Some(h) = &p.handle {
             own.boxes.retain(|b| !fills(b, h));
@@ -139,7 +159,7 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
     };
     let model = ObjectModel { name: name.to_owned(), folder: std::path::PathBuf::new(), links, joints, document };
     let report = Report { schema: 1, rigid, reason, frame: "world".to_owned(), parts, joints: reports, notes, seconds: Seconds::default() };
-    Perceived { report, part, model, X_WO: stand(analysis, &decision.front) }
+    Perceived { report, part, model, X_WO: stand(analysis, &decision.front), metres: analysis.factor }
 }
 
 /// Where the library's frame stands for an object with a front.
@@ -151,9 +171,9 @@ fn stand(analysis: &Analysis, front: &Vector3<f64>) -> Isometry3<f64> {
     Isometry3::new(Vector3::new(middle.x, middle.y, analysis.low.z), Vector3::z() * yaw)
 }
 
-/// Six digits after the point: a micrometre.
+/// Six digits after the point: a micrometre. Zero has no sign.
 fn round(x: f64) -> f64 {
-    (x * 1e6).round() / 1e6
+    (x * 1e6).round() / 1e6 + 0.0
 }
 
 /// Pose in W of a link whose joint stands at its observed state: the joint's frame has the world's axes.
@@ -175,7 +195,6 @@ fn joint_report(name: &str, child: &str, p: &Moving, motion: &Motion, unit: f64)
         .map(|m| Alternative { kind: kind(m.slides), axis: three(&m.axis), origin: place(m), probability: round(m.probability) })
         .collect();
     let [fixed, revolute, prismatic] = p.probabilities.map(round);
-    let length = if motion.slides { unit } else { 1.0 };
     JointReport {
         name: name.to_owned(),
         parent: "body".to_owned(),
@@ -185,8 +204,8 @@ fn joint_report(name: &str, child: &str, p: &Moving, motion: &Motion, unit: f64)
         axis: three(&motion.axis),
         origin: place(motion),
         lower: 0.0,
-        upper: round(motion.upper * length),
-        state: round(motion.state * length),
+        upper: round(motion.upper),
+        state: round(motion.state),
         uncertainty: Uncertainty { axis_deg: round(p.uncertainty[0].to_degrees()), origin_m: round(p.uncertainty[1]) },
         alternatives,
     }
@@ -291,30 +310,57 @@ fn inertial(boxes: &[(Isometry3<f64>, &Slab)]) -> Inertial {
     Inertial { mass, p_LoLcm: Point3::from(center), I_LLcm_L: (I + I.transpose()) / 2.0 }
 }
 
+/// Takes away what an earlier model with more parts left in a folder of meshes. Files by other names stay.
+fn forget_meshes(folder: &Path, model: &ObjectModel) {
+    let ours =
+        |stem: &str| ["door_", "drawer_", "lid_", "flap_"].iter().filter_map(|c| stem.strip_prefix(c)).any(|n| n.parse::<u32>().is_ok());
+    for path in std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()) {
+        let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let stale = path.extension().is_some_and(|e| e == "stl") && ours(&stem) && model.links.iter().all(|l| l.name != stem);
+        // Where it cannot be removed it stays, and nothing refers to it.
+        if stale {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// Gives a model whose root's frame is W with that of F instead.
+fn carry(model: &mut ObjectModel, X_FW: &Isometry3<f64>) {
+    if let Some(root) = model.links.first_mut() {
+        root.visuals.iter_mut().chain(&mut root.collisions).for_each(|s| s.X_LG = X_FW * s.X_LG);
+        let R = X_FW.rotation.to_rotation_matrix();
+        let I = R.matrix() * root.inertial.I_LLcm_L * R.matrix().transpose();
+        root.inertial.p_LoLcm = X_FW * root.inertial.p_LoLcm;
+        root.inertial.I_LLcm_L = (I + I.transpose()) / 2.0;
+    }
+    model.joints.iter_mut().filter(|j| j.parent == 0).for_each(|j| j.X_PJ = X_FW * j.X_PJ);
+    for way in model.document.joint_hypotheses.iter_mut().flat_map(|h| &mut h.ways) {
+        way.axis = (X_FW.rotation * Vector3::from(way.axis)).into();
+        way.origin = (X_FW * Point3::from(way.origin)).coords.into();
+    }
+}
+
 impl Perceived {
     /// The model with its root in the library's frame.
     pub fn standing(&self) -> ObjectModel {
-        let X_OW = self.X_WO.inverse();
         let mut model = self.model.clone();
-        if let Some(root) = model.links.first_mut() {
-            root.visuals.iter_mut().chain(&mut root.collisions).for_each(|s| s.X_LG = X_OW * s.X_LG);
-            let R = X_OW.rotation.to_rotation_matrix();
-            let I = R.matrix() * root.inertial.I_LLcm_L * R.matrix().transpose();
-            root.inertial.p_LoLcm = X_OW * root.inertial.p_LoLcm;
-            root.inertial.I_LLcm_L = (I + I.transpose()) / 2.0;
-        }
-        model.joints.iter_mut().filter(|j| j.parent == 0).for_each(|j| j.X_PJ = X_OW * j.X_PJ);
-        for way in model.document.joint_hypotheses.iter_mut().flat_map(|h| &mut h.ways) {
-            way.axis = (X_OW.rotation * Vector3::from(way.axis)).into();
-            way.origin = (X_OW * Point3::from(way.origin)).coords.into();
-        }
+        carry(&mut model, &self.X_WO.inverse());
         model
+    }
+
+    /// Gives all in a world that is moved by the opposite of a vector in the input's unit.
+    fn shift(&mut self, by: &Vector3<f64>) {
+        self.report.carry(&Translation3::from(*by).into(), "world");
+        let X: Isometry3<f64> = Translation3::from(by * self.metres).into();
+        carry(&mut self.model, &X);
+        self.X_WO = X * self.X_WO;
     }
 
     /// Writes `object.urdf`, `meshes/`, `model.yaml`, `perception.json` and `parts.ply` into a folder. `input` is the cloud as it came.
     ///
     /// Errors: a file that cannot be written.
     pub fn write(&self, folder: &Path, input: &[Point3<f64>], json: &str) -> Result<(), ModellingError> {
+        forget_meshes(&folder.join("meshes"), &self.model);
         self.model.write(folder)?;
         let path = folder.join("perception.json");
         std::fs::write(&path, json).map_err(|source| ModellingError::File { path: path.clone(), source })?;

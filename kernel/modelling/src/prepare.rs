@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::ModellingError;
 use crate::grid::{Cells, Grid, cell};
+use crate::normal::Local;
 
 /// Fewest points that say anything.
 pub(crate) const LEAST: usize = 100;
@@ -40,9 +41,29 @@ struct Input {
     finite: usize,
 }
 
-/// Beyond this no arm reaches, whatever the unit.
+/// Beyond this there is no place on Earth, in any grid of maps and in millimetres: such a number stands for none.
+const REMOTE: f64 = 1e11;
+/// Farther from the origin than this a cloud is brought near, m: cells are counted from there.
+const FAR: f64 = 300.0;
+
 fn usable(p: &Point3<f64>) -> bool {
-    p.iter().all(|c| c.is_finite() && c.abs() < 1e6)
+    p.iter().all(|c| c.is_finite() && c.abs() < REMOTE)
+}
+
+/// What a cloud far from its origin is moved by, in whole numbers of its unit; none where it is near.
+pub(crate) fn brought_near(input: &[Point3<f64>]) -> Option<Vector3<f64>> {
+    let middle = |k: usize| {
+        let mut c: Vec<f64> = input.iter().filter(|p| usable(p)).map(|p| p[k]).collect();
+        let at = c.len() / 2;
+        if c.is_empty() { 0.0 } else { *c.select_nth_unstable_by(at, f64::total_cmp).1 }
+    };
+    let middle = Vector3::new(middle(0), middle(1), middle(2));
+    if middle.amax() < FAR {
+        return None;
+    }
+    let metres = Input::of(input).ok()?.factor;
+    let by = middle.map(|m| if m.abs() * metres > FAR { -m.round() } else { 0.0 });
+    (by != Vector3::zeros()).then_some(by)
 }
 
 impl Input {
@@ -52,8 +73,12 @@ impl Input {
             return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: LEAST });
         }
         let span = spread(&kept);
-        // Furniture is 0.1 to 10 m across. What is a hundred times that is in millimetres.
-        let factor = if span > 100.0 { 1e-3 } else { 1.0 };
+        // Furniture is 0.1 to 10 m across, and 0.2 m where it is measured in centimetres or millimetres.
+        let factor = match span {
+            s if s > 100.0 => 1e-3,
+            s if s > 20.0 => 1e-2,
+            _ => 1.0,
+        };
         let span = span * factor;
         if !(0.02..=100.0).contains(&span) {
             return Err(match span < 1e-9 {
@@ -225,10 +250,7 @@ fn spread(points: &[Point3<f64>]) -> f64 {
 
 /// Are the points spread in three directions?
 fn flat(points: &[Point3<f64>]) -> Result<(), ModellingError> {
-    let n = points.len() as f64;
-    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
-    let covariance = points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum::<Matrix3<f64>>() / n;
-    let mut values: Vec<f64> = covariance.symmetric_eigenvalues().iter().copied().collect();
+    let mut values: Vec<f64> = covariance(points).symmetric_eigenvalues().iter().copied().collect();
     values.sort_by(f64::total_cmp);
     let (least, middle, most) = (values[0], values[1], values[2]);
     if middle < 1e-6 * most {
@@ -239,6 +261,26 @@ fn flat(points: &[Point3<f64>]) -> Result<(), ModellingError> {
         return Err(ModellingError::Flat { shape: "in a plane" });
     }
     Ok(())
+}
+
+/// How many times farther from one plane than from their neighbours' points may lie for all to be one sheet.
+const SHEET: f64 = 1.3;
+
+/// Do all points lie as near to one plane as neighbours do to theirs? Then nothing but noise stands out of it.
+pub(crate) fn is_sheet(points: &[Point3<f64>], local: &[Local]) -> bool {
+    let mut near: Vec<f64> = local.iter().map(|l| l.residual).filter(|r| r.is_finite()).collect();
+    if near.is_empty() || points.is_empty() {
+        return false;
+    }
+    let middle = near.len() / 2;
+    let near = *near.select_nth_unstable_by(middle, f64::total_cmp).1;
+    covariance(points).symmetric_eigenvalues().min().max(0.0).sqrt() < SHEET * near
+}
+
+fn covariance(points: &[Point3<f64>]) -> Matrix3<f64> {
+    let n = points.len() as f64;
+    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
+    points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum::<Matrix3<f64>>() / n
 }
 
 #[cfg(test)]

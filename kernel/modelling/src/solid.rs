@@ -1,6 +1,8 @@
 //! Shapes of parts: each flat superpoint becomes a slab as thick as its noise, each lump a stack of small bars. All are closed, and
 //! none touches another, so that every edge of a mesh has two faces.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use sagci_model::TriangleMesh;
 
@@ -31,11 +33,16 @@ const NEAR: f64 = 0.005;
 /// Most boxes for collision.
 const BOXES: usize = 32;
 
-/// The shapes of some superpoints, and of points that belong to none of them.
-pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>]) -> Shapes {
+/// Share of a part's points that its surface has to hold, with a little to spare.
+const HELD: f64 = 0.96;
+
+/// The shapes of some superpoints, and of thinned points that belong to none of them. `all` are the part's points as they came: where too many
+/// of them lie off the slabs, since views disagree or the camera is noisy, the fullest cells of those get bars as well.
+pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>], all: &[Point3<f64>]) -> Shapes {
     let mut mesh = TriangleMesh::default();
     let mut stacked: Vec<Point3<f64>> = loose.to_vec();
     let mut boxes: Vec<(usize, Slab)> = Vec::new();
+    let mut slabs: Vec<Slab> = Vec::new();
     let to_world = UnitQuaternion::from_rotation_matrix(&analysis.R_AW.inverse());
     for (number, i) in pieces.iter().enumerate() {
         let s = &analysis.superpoints[*i];
@@ -44,13 +51,20 @@ pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>
         let world = Slab { X_WG: Isometry3::from_parts(Translation3::identity(), to_world) * slab.X_WG, half: slab.half };
         if s.flat && tight {
             add_box(&mut mesh, &world.X_WG, &world.half);
+            slabs.push(world.clone());
         } else {
             stacked.extend(&points);
         }
         boxes.push((points.len(), world));
     }
     // All in one, so that no two bars are the same.
-    bars(&mut mesh, &stacked, analysis.scale.spacing, to_world);
+    let size = (1.2 * analysis.scale.spacing).clamp(0.006, 0.009);
+    let mut cells: Vec<[i64; 3]> = stacked.iter().map(|p| steps(p, size)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    let all: Vec<Point3<f64>> = all.iter().map(|p| analysis.R_AW * p).collect();
+    cells.extend(lacking(&all, &slabs, to_world, &cells, size));
+    bars(&mut mesh, cells, size, to_world);
     boxes.sort_by_key(|b| std::cmp::Reverse(b.0));
     boxes.truncate(BOXES);
     Shapes { mesh, boxes: boxes.into_iter().map(|b| b.1).collect() }
@@ -113,12 +127,40 @@ fn add_box(mesh: &mut TriangleMesh, X: &Isometry3<f64>, half: &Vector3<f64>) {
     }
 }
 
-/// Adds bars of cells that hold points: runs along z, each a closed box a little smaller than its cells.
-fn bars(mesh: &mut TriangleMesh, points: &[Point3<f64>], spacing: f64, to_world: UnitQuaternion<f64>) {
-    let size = (1.2 * spacing).clamp(0.006, 0.009);
-    let mut keys: Vec<[i64; 3]> = points.iter().map(|p| steps(p, size)).collect();
+/// Cells, the fullest first, that hold points off the slabs and off the bars of `cells`: as many as it takes until the surface holds its
+/// share. Points in A.
+fn lacking(all: &[Point3<f64>], slabs: &[Slab], to_world: UnitQuaternion<f64>, cells: &[[i64; 3]], size: f64) -> Vec<[i64; 3]> {
+    let X_GA: Vec<Isometry3<f64>> =
+        slabs.iter().map(|s| s.X_WG.inverse() * Isometry3::from_parts(Translation3::identity(), to_world)).collect();
+    let held = |p: &Point3<f64>| {
+        cells.binary_search(&steps(p, size)).is_ok() || slabs.iter().zip(&X_GA).any(|(s, X)| off_surface(&(X * p), &s.half) < 0.95 * NEAR)
+    };
+    let mut counts: BTreeMap<[i64; 3], usize> = BTreeMap::new();
+    all.iter().filter(|p| !held(p)).for_each(|p| *counts.entry(steps(p, size)).or_default() += 1);
+    let mut off: usize = counts.values().sum();
+    let mut fullest: Vec<([i64; 3], usize)> = counts.into_iter().collect();
+    fullest.sort_by_key(|c| std::cmp::Reverse(c.1));
+    let most = ((1.0 - HELD) * all.len() as f64) as usize;
+    let mut added = Vec::new();
+    for (cell, count) in fullest {
+        if off <= most {
+            break;
+        }
+        off -= count;
+        added.push(cell);
+    }
+    added
+}
+
+/// Distance of a point from the surface of a box about the origin.
+fn off_surface(p: &Point3<f64>, half: &Vector3<f64>) -> f64 {
+    let d = p.coords.abs() - half;
+    if d.max() < 0.0 { -d.max() } else { d.sup(&Vector3::zeros()).norm() }
+}
+
+/// Adds bars of cells: runs along z, each a closed box a little smaller than its cells.
+fn bars(mesh: &mut TriangleMesh, mut keys: Vec<[i64; 3]>, size: f64, to_world: UnitQuaternion<f64>) {
     keys.sort_unstable();
-    keys.dedup();
     let mut k = 0;
     while k < keys.len() {
         let start = keys[k];

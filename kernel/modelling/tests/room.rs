@@ -58,6 +58,46 @@ fn a_wall_and_a_floor_behind_furniture_are_no_part_of_it() {
 }
 
 #[test]
+fn furniture_that_stands_open_is_told_from_the_wall_behind_it() {
+    let (mut kept_walls, mut all) = (Vec::new(), 0);
+    for name in ["one_door", "freezer_on_top", "side_by_side", "wardrobe", "double_oven", "tall_unit", "stout_drawers", "lockers"] {
+        for seed in 100..104 {
+            let mut random = Random::new(seed, name);
+            let mut object = family(name).draw(&mut random);
+            object.joints.iter_mut().for_each(|j| j.state = j.upper * random.between(0.3, 0.9));
+            let (low, high) = object.bounds();
+            let back = object.parts[0].solids.iter().map(|s| s.center.x - s.half.x).fold(f64::INFINITY, f64::min);
+            let wall = Solid::between([back - 0.1, low.y - 0.8, -0.003], [back - 0.02, high.y + 0.8, high.z + 0.5]);
+            let floor = Solid::between([back - 0.1, low.y - 0.8, -0.003], [high.x + 0.6, high.y + 0.8, -0.001]);
+            let (_, room) = kept(&in_a_room(object, &[wall, floor]), &mut random);
+            all += 1;
+            if room > 0.1 {
+                kept_walls.push(format!("{name} {seed}: {room:.2} of the room was kept"));
+            }
+        }
+    }
+    assert!(kept_walls.len() * 4 <= all, "{kept_walls:#?}");
+}
+
+#[test]
+fn a_floor_that_far_away_looks_thick_is_left_out() {
+    let mut failed = Vec::new();
+    for name in ["one_door", "side_by_side", "sliding_fronts", "full_width_door", "panel_before_case", "larder", "machine"] {
+        for seed in 100..104 {
+            let mut random = Random::new(seed, name);
+            let object = family(name).draw(&mut random);
+            let (low, high) = object.bounds();
+            let floor = Solid::between([low.x - 0.1, low.y - 0.8, -0.003], [high.x + 0.6, high.y + 0.8, -0.001]);
+            let (own, room) = kept(&in_a_room(object, &[floor]), &mut random);
+            if own < 0.9 || room > 0.1 {
+                failed.push(format!("{name} {seed}: {own:.2} of the object and {room:.2} of the floor were kept"));
+            }
+        }
+    }
+    assert!(failed.len() <= 3, "{failed:#?}");
+}
+
+#[test]
 fn a_door_in_a_wall_stays_with_its_frame() {
     for name in ["single_in_frame", "in_wall", "double_in_frame", "sliding_before_wall", "under_transom"] {
         for seed in 0..8 {

@@ -249,3 +249,75 @@ fn a_stored_model_stands_on_the_ground_with_its_front_along_minus_y() {
         assert!(off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-9, "{off}");
     }
 }
+
+#[test]
+fn a_cloud_far_from_its_origin_is_modelled_as_it_is_nearby() {
+    let (_, cloud) = seen(Category::Microwave, 1);
+    let near = model(&cloud.points);
+    let by = Vector3::new(412_345.0, 5_812_777.0, 0.0);
+    let far = model(&cloud.points.iter().map(|p| p + by).collect::<Vec<_>>());
+    assert_eq!(near.report.joints.len(), far.report.joints.len());
+    for (a, b) in near.report.joints.iter().zip(&far.report.joints) {
+        let off = Point3::from(b.origin) - by - Point3::from(a.origin);
+        assert!(off.norm() < 0.01 && a.kind == b.kind, "{} is off by {}", a.name, off.norm());
+    }
+    let links = |p: &Perceived| p.model.links.iter().map(|l| l.inertial.mass).sum::<f64>();
+    // Cells begin elsewhere, and pieces with them.
+    assert!((links(&near) - links(&far)).abs() < 0.2 * links(&near));
+}
+
+#[test]
+fn how_far_a_joint_goes_is_in_metres_whatever_the_cloud_is_in() {
+    let (_, cloud) = (0..20)
+        .map(|seed| seen(Category::Storage, seed))
+        .find(|(_, c)| model(&c.points).report.joints.iter().any(|j| j.kind == "prismatic"))
+        .unwrap();
+    let reaches = |scale: f64| -> Vec<f64> {
+        let found = model(&cloud.points.iter().map(|p| p * scale).collect::<Vec<_>>());
+        assert_eq!(found.report.notes.iter().any(|n| n.contains("seems to be in")), scale > 1.0, "{:?}", found.report.notes);
+        found.report.joints.iter().filter(|j| j.kind == "prismatic").map(|j| j.upper).collect()
+    };
+    for scale in [1.0, 100.0, 1000.0] {
+        let all = reaches(scale);
+        // No drawer of the house is longer than its depth.
+        assert!(all.iter().all(|m| (0.05..1.5).contains(m)), "at {scale} times: {all:?} m");
+    }
+}
+
+#[test]
+fn a_sheet_with_a_cameras_noise_is_no_door() {
+    let mut random = Random::new(3, "sheet");
+    for noise in [0.0005, 0.001, 0.003] {
+        let sheet: Vec<Point3<f64>> =
+            (0..15_000).map(|_| Point3::new(random.between(0.0, 1.0), noise * random.normal(), random.between(0.0, 0.8))).collect();
+        assert!(matches!(perceive(&sheet, "x", &weights()), Err(ModellingError::Flat { .. })), "noise of {noise} m");
+    }
+}
+
+#[test]
+fn an_open_drawer_is_measured_from_where_it_shuts() {
+    let (mut off, mut open) = (Vec::new(), 0);
+    for seed in 0..16 {
+        let mut random = Random::new(seed, "open drawers");
+        let family = sagci_furniture::FAMILIES.iter().find(|f| f.name == ["chest_of_drawers", "nightstand"][seed as usize % 2]).unwrap();
+        let mut object = family.draw(&mut random);
+        object.joints.iter_mut().for_each(|j| j.state = j.upper * random.pick([0.0, 0.4, 0.8]));
+        let noise = Noise { axial: 0.001, grazing: 0.1, ..Noise::NONE };
+        let how = Look { views: 2, width: 320, points: 20_000, near: 1.0, around: false, surroundings: false, noise };
+        let cloud = look(&object, &how, &mut random);
+        let found = model(&cloud.points);
+        for joint in object.joints.iter().filter(|j| j.kind == sagci_furniture::Kind::Prismatic) {
+            let own =
+                |part: usize| cloud.part.iter().zip(&found.part).filter(|(t, f)| **t == joint.part as i32 && **f == part as i32).count();
+            let seen = cloud.part.iter().filter(|t| **t == joint.part as i32).count();
+            let Some(part) = found.report.parts.iter().skip(1).find(|p| 2 * own(p.id) > seen.max(p.points)) else { continue };
+            let Some(answer) = found.report.joints.iter().find(|j| j.child == part.link && j.kind == "prismatic") else { continue };
+            off.push((answer.state - joint.state).abs());
+            open += usize::from(joint.state > 0.0);
+            assert!(answer.lower <= answer.state && answer.state <= answer.upper);
+        }
+    }
+    off.sort_by(f64::total_cmp);
+    assert!(open >= 8, "only {open} open drawers were found");
+    assert!(off[off.len() / 2] < 0.02 && off[off.len() * 8 / 10] < 0.05, "{off:.3?}");
+}

@@ -110,7 +110,10 @@ pub fn perceive(arguments: &Perceive) -> Result<bool, CliError> {
         input.extend(points);
     }
     let load = start.elapsed().as_secs_f64();
-    let mut found = sagci_modelling::perceive(&world, &name, &weights).map_err(wrong)?;
+    let mut found = sagci_modelling::perceive(&world, &name, &weights).map_err(|e| {
+        let all: Vec<String> = arguments.clouds.iter().map(|p| p.display().to_string()).collect();
+        wrong(format!("{}: {e}", all.join(", ")))
+    })?;
     if let Some((poses, cameras)) = &told {
         let views: Vec<_> = poses.iter().copied().zip(cameras.views.iter().map(CameraView::lens)).collect();
         found.note_cut_offs(&world, &views);
