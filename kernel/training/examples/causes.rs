@@ -194,6 +194,8 @@ fn one(category: Category, index: u64, seed: u64, weights: &Weights) -> (Vec<Tol
                     let turned = a.dot(&axis).abs().min(1.0).acos().to_degrees();
                     let d: Vector3<f64> = origin - Point3::from(j.origin);
                     let away = if slides { 0.0 } else { (d - a * d.dot(&a)).norm() };
+                    let state = (j.state - joint.state).abs() * if slides { 100.0 } else { 1f64.to_degrees() };
+                    line += &format!(" state off {state:.1} of {:.2} {}", joint.state, if slides { "cm" } else { "deg" });
                     line += &format!(" {} turned {turned:.1} away {:.1} cm p {:.2}", j.kind, 100.0 * away, j.probabilities.revolute);
                     match () {
                         () if right && turned < 5.0 && away < 0.05 => 0,

@@ -82,8 +82,8 @@ pub(crate) fn drawn(seed: u64, index: u64, held_out: bool) -> (Object, Labelled,
         true => STILL.iter().filter(|f| f.held_out == held_out).collect(),
         false => families(category, held_out),
     };
-    let family = of[random.index(of.len())];
-    let mut object = family.draw(&mut random);
+    let often: Vec<&Family> = of.iter().flat_map(|f| std::iter::repeat_n(*f, f.weight)).collect();
+    let mut object = often[random.index(often.len())].draw(&mut random);
     // Toys and small household things are made like furniture.
     if random.chance(0.12) {
         object = object.scaled(random.scale(0.25, 0.9));

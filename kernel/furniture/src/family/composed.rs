@@ -12,14 +12,14 @@ use crate::handle::Handle;
 use crate::object::{Class, Kind, Solid};
 
 /// Shares that sum to one.
-fn shares(b: &mut Builder<'_>, n: usize, least: f64, most: f64) -> Vec<f64> {
+pub(super) fn shares(b: &mut Builder<'_>, n: usize, least: f64, most: f64) -> Vec<f64> {
     let even = b.random.chance(0.5);
     let raw: Vec<f64> = (0..n).map(|_| if even { 1.0 } else { b.random.between(least, most) }).collect();
     let sum: f64 = raw.iter().sum();
     raw.iter().map(|s| s / sum).collect()
 }
 
-fn side(b: &mut Builder<'_>) -> Edge {
+pub(super) fn side(b: &mut Builder<'_>) -> Edge {
     b.random.pick([Edge::Left, Edge::Right])
 }
 
@@ -29,7 +29,7 @@ fn within(cell: &Cell, y: f64, z: f64) -> Cell {
 }
 
 /// How a leaf lies in an opening of depth `2 x`.
-fn set_in(b: &mut Builder<'_>, x: f64) -> f64 {
+pub(super) fn set_in(b: &mut Builder<'_>, x: f64) -> f64 {
     b.style.proud = false;
     b.style.thick = b.random.between(0.022, 0.05).min(1.2 * x);
     b.style.pin = b.random.pick([0.5, 1.0, 1.0]);
@@ -38,7 +38,7 @@ fn set_in(b: &mut Builder<'_>, x: f64) -> f64 {
 }
 
 /// A field of a screen that does not move: glass, or glass over something solid, in the plane of the leaves or behind it.
-fn light(b: &mut Builder<'_>, cell: &Cell) {
+pub(super) fn light(b: &mut Builder<'_>, cell: &Cell) {
     let back = cell.x - b.random.pick([0.0, 0.006, 0.02, 0.04]);
     let glass = Solid::between([back - 0.008, cell.y[0], cell.z[0]], [back, cell.y[1], cell.z[1]]);
     let dark = b.random.pick([0.0, 0.0, 0.3]);

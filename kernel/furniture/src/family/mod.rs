@@ -3,6 +3,7 @@
 mod chest;
 mod cold;
 mod composed;
+mod divided;
 mod entrance;
 mod kitchen;
 mod passage;
@@ -21,6 +22,8 @@ pub struct Family {
     pub category: Category,
     /// Is it kept out of training?
     pub held_out: bool,
+    /// How often training draws it where a plain family is drawn once: one that holds many kinds is drawn more often.
+    pub weight: usize,
     build: fn(&mut Builder<'_>),
 }
 
@@ -34,11 +37,15 @@ impl Family {
 }
 
 const fn known(category: Category, name: &'static str, build: fn(&mut Builder<'_>)) -> Family {
-    Family { name, category, held_out: false, build }
+    Family { name, category, held_out: false, weight: 1, build }
+}
+
+const fn manifold(category: Category, name: &'static str, build: fn(&mut Builder<'_>)) -> Family {
+    Family { weight: 3, ..known(category, name, build) }
 }
 
 const fn held_out(category: Category, name: &'static str, build: fn(&mut Builder<'_>)) -> Family {
-    Family { name, category, held_out: true, build }
+    Family { name, category, held_out: true, weight: 1, build }
 }
 
 /// All families.
@@ -68,6 +75,8 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Door, "glazed_screen", composed::glazed_screen),
     known(Category::Door, "shutters", composed::shutters),
     known(Category::Door, "panelled_wall", composed::panelled_wall),
+    manifold(Category::Door, "divided_doorway", divided::divided_doorway),
+    manifold(Category::Door, "divided_hatches", divided::divided_hatches),
     held_out(Category::Door, "with_sidelight", entrance::with_sidelight),
     held_out(Category::Door, "stable_door", entrance::stable_door),
     known(Category::Microwave, "side_door_with_panel", kitchen::side_door_with_panel),
@@ -115,6 +124,8 @@ pub const STILL: &[Family] = &[
     known(Category::Storage, "bookcase", still::bookcase),
     known(Category::Box, "crate_or_block", still::crate_or_block),
     known(Category::Box, "turned_pieces", still::turned_pieces),
+    manifold(Category::Box, "parcel", still::parcel),
+    manifold(Category::Box, "blocks", still::blocks),
     held_out(Category::Storage, "chair", still::chair),
     held_out(Category::Box, "vessel", still::vessel),
 ];

@@ -114,3 +114,65 @@ pub(super) fn turned_pieces(b: &mut Builder<'_>) {
         b.body.push(Solid::cylinder([0.0, 0.0, z + r], 2, r, r));
     }
 }
+
+/// A parcel, a plinth, a carton that is taped shut: one block of any shape, some with a gable, a ledge or a label that stands out.
+pub(super) fn parcel(b: &mut Builder<'_>) {
+    let r = &mut b.random;
+    let size = r.scale(0.05, 0.8);
+    let (x, y, z) = (size * r.scale(0.25, 1.0), size * r.scale(0.25, 1.0), 2.0 * size * r.scale(0.25, 1.0));
+    b.body.push(Solid::between([-x, -y, 0.0], [x, y, z]));
+    match b.random.index(5) {
+        0 => {
+            // A gable in steps, as of a carton of milk.
+            let (high, ridge) = (x * b.random.between(0.4, 1.2), 0.08);
+            for k in 0..8 {
+                let (from, share) = (z + high * f64::from(k) / 8.0, 1.0 - (1.0 - ridge) * f64::from(k + 1) / 8.0);
+                b.body.push(Solid::between([-x * share, -y, from], [x * share, y, from + high / 8.0]));
+            }
+        }
+        1 => {
+            let (over, t) = (size * b.random.between(0.0, 0.08), size * b.random.between(0.03, 0.12));
+            b.body.push(Solid::between([-x - over, -y - over, z], [x + over, y + over, z + t]));
+        }
+        2 => {
+            let t = b.random.between(0.001, 0.006);
+            let at = |r: &mut crate::random::Random, half: f64| {
+                let (a, c) = (r.between(-0.9, 0.9), r.between(-0.9, 0.9));
+                [half * f64::min(a, c), half * f64::max(a, c)]
+            };
+            let (own_y, own_z) = (at(b.random, y), at(b.random, z / 2.0));
+            b.body.push(Solid::between([x, own_y[0], z / 2.0 + own_z[0]], [x + t, own_y[1], z / 2.0 + own_z[1]]));
+        }
+        _ => (),
+    }
+}
+
+/// Blocks beside and on one another, with knobs and round pieces: small machines, loudspeakers, steps, printers.
+pub(super) fn blocks(b: &mut Builder<'_>) {
+    let size = b.random.scale(0.08, 0.5);
+    let (x, y) = (size * b.random.between(0.4, 1.0), size * b.random.between(0.4, 1.0));
+    let mut z = 0.0;
+    for _ in 0..2 + b.random.index(3) {
+        let high = size * b.random.scale(0.08, 1.2);
+        // Each leaves a side or two of those below it free.
+        let mut end = |half: f64, sign: f64| sign * half * if b.random.chance(0.6) { 1.0 } else { b.random.between(-0.3, 0.9) };
+        let (low, far) = ([end(x, -1.0), end(y, -1.0)], [end(x, 1.0), end(y, 1.0)]);
+        if far[0] - low[0] > 0.15 * size && far[1] - low[1] > 0.15 * size {
+            b.body.push(Solid::between([low[0], low[1], z], [far[0], far[1], z + high]));
+            z += high;
+        }
+    }
+    if z <= 0.0 {
+        b.body.push(Solid::between([-x, -y, 0.0], [x, y, size]));
+        z = size;
+    }
+    for _ in 0..b.random.index(4) {
+        let (at_y, at_z, r) = (y * b.random.between(-0.7, 0.7), z * b.random.between(0.15, 0.9), size * b.random.between(0.02, 0.12));
+        let out = b.random.between(0.2, 1.2) * r;
+        b.body.push(Solid::cylinder([x + out / 2.0, at_y, at_z], 0, r, out / 2.0));
+    }
+    if b.random.chance(0.4) {
+        let (r, h) = (size * b.random.between(0.1, 0.35), size * b.random.between(0.1, 0.5));
+        b.body.push(Solid::cylinder([0.0, 0.0, z + h / 2.0], 2, r, h / 2.0));
+    }
+}
