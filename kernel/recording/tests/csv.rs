@@ -255,7 +255,8 @@ fn degrees_are_asked_back_about_and_converted_only_when_told() {
     assert!(message.contains("hinge: positions go from 5.7") && message.contains("look like degrees"), "{message}");
     assert!(message.contains("--angles deg") && message.contains("--angles rad") && message.contains("# angles: deg"), "{message}");
     let path = files.write("degrees.csv", &degrees);
-    let as_told = |angles| read_with(std::slice::from_ref(&path), Some(&files.model), &Options { angles }).unwrap().remove(0);
+    let as_told =
+        |angles| read_with(std::slice::from_ref(&path), Some(&files.model), &Options { angles, ..Options::default() }).unwrap().remove(0);
     let converted = as_told(Angles::Degrees);
     let hinge = converted.joint("hinge").unwrap();
     assert!((hinge.position.value[50] - swing(0.5)).abs() < 1e-12);
