@@ -36,7 +36,7 @@ fn reached(model: &ObjectModel, joint: usize, trajectories: &[Trajectory], colum
     trajectories.iter().flat_map(|t| t.positions(column)).any(|y| y < limits.lower + margin || y > limits.upper - margin)
 }
 
-/// Which limits of a joint are kept. Says which one is not, though it was reached: `others` may go past it as well.
+/// Which limits of a joint are kept. Says which one a motion goes past: `others` may do so as well.
 pub(crate) fn kept(
     model: &ObjectModel,
     (joint, column): (usize, usize),
@@ -44,15 +44,13 @@ pub(crate) fn kept(
     others: &[Trajectory],
     notes: &mut Vec<String>,
 ) -> Stops {
-    if !reached(model, joint, trajectories, column) {
-        return [false; 2];
-    }
+    let is_reached = reached(model, joint, trajectories, column);
     let joint = &model.joints[joint];
     let limits = joint.limits;
     let gives_way = GIVES_WAY * limits.range().min(10.0);
     [("lower", -1.0, limits.lower), ("upper", 1.0, limits.upper)].map(|(name, sign, limit)| {
         if !limit.is_finite() {
-            return true;
+            return is_reached;
         }
         let mut farthest: Option<(f64, &str)> = None;
         for data in [trajectories, others] {
@@ -63,7 +61,7 @@ pub(crate) fn kept(
                         continue;
                     }
                     if excursion.depth < gives_way && excursion.is_stopped(trajectory, noise) {
-                        return true;
+                        return is_reached;
                     }
                     if farthest.is_none_or(|(depth, _)| excursion.depth > depth) {
                         farthest = Some((excursion.depth, &trajectory.source));
@@ -71,7 +69,7 @@ pub(crate) fn kept(
                 }
             }
         }
-        let Some((depth, source)) = farthest else { return true };
+        let Some((depth, source)) = farthest else { return is_reached };
         notes.push(format!(
             "{}: goes to {:.4} in {source}, past the {name} limit of {limit} in the URDF, and nothing stops it there: that limit is taken as not \
              there; set it right in the URDF if the joint goes so far",
@@ -166,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_limit_that_a_motion_goes_past_smoothly_is_not_there() {
-        let (stops, notes) = along(|t| 0.8 + 1.23 * (2.0 * t).sin());
+        let (stops, notes) = along(|t| 0.85 + 1.18 * (2.0 * t).sin());
         assert_eq!(stops, [true, false], "{notes:?}");
         assert!(notes.len() == 1 && notes[0].contains("past the upper limit of 2 "), "{notes:?}");
         // Far past, and with a rest there: the stop, if it is one, is elsewhere.
