@@ -180,7 +180,7 @@ mod tests {
             let swing = 0.8 + 1.5 * (2.0 * t).sin();
             if swing > 2.0 { 2.0 + 0.01 * (swing - 2.0).min(0.3) / 0.3 } else { swing }
         };
-        assert_eq!(along(bounce).0[1], true);
+        assert!(along(bounce).0[1]);
         // Pressed against it slowly.
         assert_eq!(along(|t| 0.8 + 1.204 * (0.3 * t).min(1.57).sin()).0, [true, true]);
     }
