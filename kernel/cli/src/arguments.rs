@@ -86,7 +86,8 @@ pub struct Run {
 /// `sagci gap`.
 #[derive(Debug, Args)]
 pub struct Gap {
-    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read.
+    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read. A name that the
+    /// library has means its object; ./NAME is a folder here.
     pub model: String,
     /// Recordings to learn from: MCAP or CSV.
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
@@ -104,7 +105,7 @@ pub struct Gap {
     /// the most. The world has the seed of this command.
     #[arg(long, value_name = "SCRIPT")]
     pub experiment: Option<PathBuf>,
-    /// Folder for gap.json, report.html, model.urdf and model.yaml, and for recordings of experiments.
+    /// Folder for gap.json, report.html, model.urdf and model.yaml, and for recordings of experiments: a new one, or that of an earlier answer.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Length of the windows over which positions are predicted, s.
@@ -116,6 +117,9 @@ pub struct Gap {
     /// What angles in the recordings are measured in; numbers that look like degrees are asked back about.
     #[arg(long, value_enum)]
     pub angles: Option<Angles>,
+    /// What lengths in the recordings are measured in; numbers that look like millimetres are asked back about.
+    #[arg(long, value_enum)]
+    pub lengths: Option<Lengths>,
     /// How to print the result.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub format: Format,
@@ -156,7 +160,8 @@ pub struct Perceive {
 /// `sagci simulate`.
 #[derive(Debug, Args)]
 pub struct Simulate {
-    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read.
+    /// An object of the library, or the path of a URDF or of a folder with an object.urdf; a model.yaml beside it is read. A name that the
+    /// library has means its object; ./NAME is a folder here.
     pub model: String,
     /// Recordings: MCAP or CSV.
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
@@ -170,6 +175,9 @@ pub struct Simulate {
     /// What angles in the recordings are measured in; numbers that look like degrees are asked back about.
     #[arg(long, value_enum)]
     pub angles: Option<Angles>,
+    /// What lengths in the recordings are measured in; numbers that look like millimetres are asked back about.
+    #[arg(long, value_enum)]
+    pub lengths: Option<Lengths>,
     /// Where things are.
     #[command(flatten)]
     pub places: Places,
@@ -248,6 +256,15 @@ pub enum Angles {
     Rad,
     /// Degrees.
     Deg,
+}
+
+/// What lengths are measured in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Lengths {
+    /// Metres.
+    M,
+    /// Millimetres.
+    Mm,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

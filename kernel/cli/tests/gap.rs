@@ -398,3 +398,172 @@ fn a_truncated_recording_is_used_as_far_as_it_is_whole_and_that_is_said() {
     let notes = answer["notes"].to_string();
     assert!(notes.contains("put in order") && notes.contains("repeat the time") && notes.contains("NaN"), "{notes}");
 }
+
+fn simulated(model: &str, data: &str, out: &str) -> Said {
+    sagci(&["simulate", model, "--data", data, "--out", out])
+}
+
+#[test]
+fn what_is_read_is_never_written_over() {
+    let bench = Bench::new();
+    let (model, data) = (bench.path("pendulum"), bench.path("swing.csv"));
+    let before = std::fs::read(&data).unwrap();
+    let same = bench.path("pendulum/../swing.csv");
+    let yaml = bench.path("pendulum/model.yaml");
+    let mut outs = vec![data.clone(), same, yaml, bench.path("pendulum/object.urdf")];
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink(&data, bench.path("link.csv")).unwrap();
+        std::fs::hard_link(&data, bench.path("hard.csv")).unwrap();
+        outs.extend([bench.path("link.csv"), bench.path("hard.csv")]);
+        // An answer's model.urdf that is the given one under another name.
+        std::fs::create_dir(bench.path("linked")).unwrap();
+        std::os::unix::fs::symlink(bench.path("pendulum/object.urdf"), bench.path("linked/model.urdf")).unwrap();
+        bench.refused(&["--data", &data, "--out", &bench.path("linked")], &["linked/model.urdf", "object.urdf", "written over"]);
+    }
+    for out in outs {
+        refused(&["simulate", &model, "--data", &data, "--out", &out], &[&out, "written over"]);
+    }
+    // A recording that is named as a file of the answer.
+    let inside = bench.write("answer/report.html", &before);
+    bench.refused(&["--data", &inside, "--out", &bench.path("answer")], &["answer/report.html", "written over"]);
+    let other = bench.path("other.csv");
+    bench.refused(&["--data", &other, "--held-out", &inside, "--out", &bench.path("answer")], &["answer/report.html", "written over"]);
+    assert_eq!((std::fs::read(&data).unwrap(), std::fs::read(inside).unwrap()), (before.clone(), before));
+    assert_eq!(std::fs::read_to_string(bench.path("pendulum/model.yaml")).unwrap(), YAML);
+    assert_eq!(std::fs::read_to_string(bench.path("pendulum/object.urdf")).unwrap(), PENDULUM);
+    // A version of the library is what its name says.
+    let models = bench.library();
+    let inside = Path::new(&models).join("pendulum").join(head(&models).trim()).join("new.csv");
+    refused(&["simulate", "pendulum", "--models", &models, "--data", &data, "--out", inside.to_str().unwrap()], &["library"]);
+}
+
+#[test]
+fn a_place_that_cannot_be_written_to_is_known_before_the_search() {
+    let bench = Bench::new();
+    let data = bench.path("swing.csv");
+    let below_a_file = bench.path("swing.csv/answer");
+    for said in [
+        sagci(&["gap", &bench.path("pendulum"), "--data", &data, "--out", &below_a_file]),
+        simulated(&bench.path("pendulum"), &data, &bench.path("none/prediction.csv")),
+        simulated(&bench.path("pendulum"), &data, &bench.path("pendulum")),
+    ] {
+        assert_eq!((said.code, said.out.as_str()), (2, ""), "{}", said.err);
+        assert!(said.err.contains("give --out") && !said.err.contains("refitting"), "{}", said.err);
+    }
+    // Nothing is left of a folder that was made for an answer that there is not.
+    bench.refused(&["--data", &data, "--window", "100", "--out", &bench.path("new/deep")], &["--window"]);
+    assert!(!Path::new(&bench.path("new")).exists());
+}
+
+#[test]
+fn a_folder_with_anothers_model_or_page_is_no_place_for_an_answer() {
+    let bench = Bench::new();
+    let data = bench.path("swing.csv");
+    for name in ["model.urdf", "report.html", "gap.json", "robot.urdf"] {
+        let path = bench.write(&format!("{name}.d/{name}"), "somebody's");
+        bench.refused(&["--data", &data, "--out", &bench.path(&format!("{name}.d"))], &[name, "did not write", "new folder"]);
+        assert_eq!(std::fs::read_to_string(path).unwrap(), "somebody's");
+    }
+}
+
+#[test]
+fn held_out_data_that_are_fitted_to_confirm_nothing_and_are_refused() {
+    let bench = Bench::new();
+    let (swing, other) = (bench.path("swing.csv"), bench.path("other.csv"));
+    bench.refused(&["--data", &swing, &other, "--held-out", &other], &["other.csv", "one place"]);
+    let copy = bench.write("copy.csv", std::fs::read(&other).unwrap());
+    bench.refused(&["--data", &swing, &other, "--held-out", &copy], &["copy.csv", "other.csv", "one place"]);
+}
+
+#[test]
+fn no_gap_is_given_over_no_window() {
+    let bench = Bench::new();
+    let swing_csv = bench.path("swing.csv");
+    let rows = swing(0.9, 0.05, 0.5);
+    let short = bench.write("short.csv", csv("time,pivot.position", &rows));
+    let model = bench.path("pendulum");
+    bench.refused(&["--data", &swing_csv, "--window", "100"], &["swing.csv", "lasts 6.0", "--window"]);
+    bench.refused(&["--data", &short], &["short.csv", "lasts 0.500 s", "--window 0.45"]);
+    bench.refused(&["--data", &swing_csv, "--held-out", &short], &["short.csv", "--window 0.45"]);
+    refused(&["simulate", &model, "--data", &short, "--out", &bench.path("p.csv")], &["short.csv", "--window 0.45"]);
+    // The window that is named fits.
+    let said = sagci(&["simulate", &model, "--data", &short, "--out", &bench.path("p.csv"), "--window", "0.45"]);
+    assert_eq!(said.code, 0, "{}", said.err);
+    // One of several that is too short is no error, and no secret.
+    let shorter = bench.write("shorter.csv", csv("time,pivot.position", &rows[..40]));
+    let said = sagci(&["simulate", &model, "--data", &swing_csv, &shorter, "--out", &bench.path("p.csv")]);
+    assert!(said.code == 0 && said.err.contains("shorter.csv: its longest stretch"), "{}", said.err);
+}
+
+#[test]
+fn a_prediction_is_at_the_times_of_its_recording_and_says_what_was_not_used() {
+    let bench = Bench::new();
+    let rows: Vec<String> = swing(0.9, 0.05, 3.0).iter().map(|[t, q]| format!("{:.2},{q:.8},0.1,0,{t}", 1.7e9 + t)).collect();
+    let header = "time,pivot.position,pivot.velocity,pivot.effort,pivot.command_voltage\n";
+    let data = bench.write("late.csv", header.to_owned() + &rows.join("\n") + "\n");
+    let out = bench.path("p.csv");
+    let said = simulated(&bench.path("pendulum"), &data, &out);
+    assert_eq!(said.code, 0, "{}", said.err);
+    let table = std::fs::read_to_string(&out).unwrap();
+    let times: Vec<&str> = table.lines().skip(1).map(|l| l.split(',').next().unwrap()).collect();
+    let recorded: Vec<&str> = rows.iter().map(|l| l.split(',').next().unwrap().trim_end_matches('0').trim_end_matches('.')).collect();
+    assert!(times.len() > 100 && times.iter().all(|t| recorded.contains(t)), "{times:?}");
+    for words in ["pivot.command_voltage: is not used", "`kind: dc_motor`", "effects of its drive cannot be seen", "pivot.velocity"] {
+        assert!(said.err.contains(words), "'{words}' is not said:\n{}", said.err);
+    }
+}
+
+#[test]
+fn a_name_of_the_library_means_its_object_whatever_folder_is_here() {
+    let bench = Bench::new();
+    let models = bench.library();
+    // A folder of that name, in which nothing can be simulated.
+    bench.write("here/pendulum/object.urdf", PENDULUM.replace("pivot", "elbow"));
+    let ask = |model: &str| {
+        let arguments = ["simulate", model, "--models", &models, "--data", &bench.path("swing.csv"), "--out", &bench.path("p.csv")];
+        Command::new(env!("CARGO_BIN_EXE_sagci")).args(arguments).current_dir(bench.path("here")).output().unwrap()
+    };
+    let said = ask("pendulum");
+    let err = String::from_utf8(said.stderr).unwrap();
+    assert!(said.status.success() && err.contains("the library's object is taken") && err.contains("./pendulum"), "{err}");
+    let err = String::from_utf8(ask("./pendulum").stderr).unwrap();
+    assert!(err.contains("elbow"), "{err}");
+    // What is nearly there is asked about.
+    let err = String::from_utf8(ask("./pendulun").stderr).unwrap();
+    assert!(err.contains("./pendulun") && err.contains("did you mean './pendulum'?"), "{err}");
+}
+
+#[test]
+fn the_command_of_the_next_experiment_is_that_of_the_run() {
+    let bench = Bench::new();
+    let data = bench.write("my swing.csv", csv("time,pivot.position", &swing(0.9, 0.05, 6.0)));
+    let model = bench.path("pendulum");
+    let said = sagci(&["gap", &model, "--data", &data, "--window", "0.5", "--seed", "3", "--angles", "rad", "--format", "json"]);
+    let answer = one_document(&said);
+    let command = answer["next_experiment"]["command"].as_str().unwrap();
+    assert!(command.starts_with(&format!("sagci gap {model} --data '{data}' ")), "{command}");
+    assert!(command.ends_with(" --angles rad --window 0.5 --seed 3"), "{command}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_answer_that_stdout_does_not_take_is_an_error() {
+    let bench = Bench::new();
+    let models = bench.library();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let said = Command::new(env!("CARGO_BIN_EXE_sagci")).args(["models", "list", "--models", &models]).stdout(full).output().unwrap();
+    assert_eq!(said.status.code(), Some(2));
+    assert!(String::from_utf8(said.stderr).unwrap().contains("stdout"));
+}
+
+#[test]
+fn what_is_wrong_in_a_model_has_its_line() {
+    let bench = Bench::new();
+    bench.write(
+        "pendulum/model.yaml",
+        format!("{YAML}effects:\n  - {{effect: coulom_friction, joint: pivot, parameters: {{friction: 0.1}}}}\n"),
+    );
+    let line = YAML.lines().count() + 2;
+    bench.refused(&["--data", &bench.path("swing.csv")], &[&format!("model.yaml:{line}:"), "did you mean 'coulomb_friction'?"]);
+}

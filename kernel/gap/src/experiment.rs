@@ -29,6 +29,7 @@ use crate::noise;
 use crate::plant::Plant;
 use crate::report::{Experiment, Reference, Unexplained};
 use crate::search::{STEP, Search, entries};
+use crate::stops::Stops;
 use crate::trajectory::{Drive, Trajectory};
 
 /// How far beyond what the data have seen speeds, efforts and, where a joint has no limits, positions may go.
@@ -421,8 +422,8 @@ fn discrimination(search: &Search<'_>, question: &Question<'_>, room: &Room, pla
 }
 
 /// All limits of the URDF are kept: what is let go may reach them.
-fn kept(search: &Search<'_>) -> Vec<bool> {
-    vec![true; search.names.len()]
+fn kept(search: &Search<'_>) -> Vec<Stops> {
+    vec![[true; 2]; search.names.len()]
 }
 
 /// The named model under the hand: what would be recorded, but for noise.

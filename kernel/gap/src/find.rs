@@ -1,6 +1,6 @@
 //! The workflow: known numbers first, then names, one after the other, then a second look at each.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use sagci_dynamics::residual::Residual;
@@ -20,8 +20,9 @@ use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
 use crate::trajectory::{Trajectory, going_on};
-use crate::unseen::set_aside;
+use crate::unseen::{apart, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
+use crate::{unheeded, windows};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -79,16 +80,28 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             progress(text);
         }
     };
-    let mut notes: Vec<String> =
-        train.iter().chain(held_out).flat_map(|l| &l.notes).map(|n| format!("{}: {}", n.place, n.message)).collect();
-    // What holds for all recordings is said once.
-    let mut said = BTreeSet::new();
-    notes.retain(|n| said.insert(n.clone()));
-    let (train, held_out) = (going_on(train), going_on(held_out));
-    let (train, held_out) = set_aside(&train, &held_out, &mut notes);
-    let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
-    let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
-    let mut search = Search::new(model, &trajectories)?;
+    unheeded::check(model)?;
+    apart(train, held_out)?;
+    let mut notes = unheeded::notes(train.iter().chain(held_out), model);
+    let (all, held_out) = (going_on(train), going_on(held_out));
+    let on_grid = |logs: &[&Log]| logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<Vec<_>, GapError>>();
+    let (mut train, mut unseen_logs) = set_aside(&all, &held_out, &mut notes);
+    let (mut trajectories, mut unseen) = (on_grid(&train)?, on_grid(&unseen_logs)?);
+    let has_whole = |data: &[Trajectory]| data.iter().any(|t| windows::has_whole(t, options.window));
+    if held_out.is_empty() && !unseen.is_empty() && !(has_whole(&trajectories) && has_whole(&unseen)) {
+        notes.push(format!(
+            "too few recordings are as long as a window of {} s to set one aside: what is found is not confirmed on other data",
+            options.window
+        ));
+        (train, unseen_logs) = (all.iter().collect(), Vec::new());
+        (trajectories, unseen) = (on_grid(&train)?, Vec::new());
+    }
+    for data in [&trajectories, &unseen] {
+        windows::check(data, options.window)?;
+        windows::say_without(data, options.window, &mut notes);
+    }
+    let held_out = unseen_logs;
+    let mut search = Search::beside(model, &trajectories, &unseen, &mut notes)?;
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");

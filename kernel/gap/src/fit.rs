@@ -27,6 +27,7 @@ use crate::noise;
 use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise};
 use crate::plant::Plant;
 use crate::span::Change;
+use crate::stops::Stops;
 use crate::trajectory::Trajectory;
 
 /// Data, and how they are weighed.
@@ -39,8 +40,8 @@ pub(crate) struct Problem<'a> {
     /// Usual time between rows, s, and the largest efforts.
     pub period: f64,
     pub most: Vec<f64>,
-    /// Of which joints the URDF's limits are kept.
-    pub limits: Vec<bool>,
+    /// Which of the URDF's limits are kept, by joint.
+    pub limits: Vec<Stops>,
     /// Longest step, s.
     pub step: f64,
     /// Steps to first order are enough.
@@ -52,7 +53,7 @@ pub(crate) struct Problem<'a> {
 }
 
 impl<'a> Problem<'a> {
-    pub fn new(trajectories: &'a [Trajectory], disturbance: Disturbance, limits: &[bool], step: f64) -> Self {
+    pub fn new(trajectories: &'a [Trajectory], disturbance: Disturbance, limits: &[Stops], step: f64) -> Self {
         let middle = noise::middle(trajectories, disturbance.effort.len());
         let period = trajectories.first().map_or(0.005, Trajectory::period);
         let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.strain.iter().skip(j).step_by(t.joints));

@@ -15,6 +15,7 @@ use crate::observer::Noise;
 use crate::plant::Plant;
 use crate::report::{Gap, Gaps, JointGap};
 use crate::search::{FLOOR, STEP, Search};
+use crate::stops::Stops;
 use crate::trajectory::Trajectory;
 use crate::windows::{Figures, Smoothed, Window};
 
@@ -42,7 +43,7 @@ pub(crate) struct Measure<'a> {
     noise: Noise,
     ranges: Vec<f64>,
     window: f64,
-    limits: &'a [bool],
+    limits: &'a [Stops],
     /// What is known already, where the data are those of a search.
     memory: Memory,
 }

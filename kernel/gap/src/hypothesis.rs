@@ -8,6 +8,7 @@ use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 
 use crate::GapError;
 use crate::plant::Plant;
+use crate::stops::Stops;
 
 /// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
 const LOCAL: f64 = 0.3;
@@ -330,7 +331,7 @@ impl Hypothesis {
     }
 
     /// The simulator at `x`.
-    pub fn plant(&self, x: &[f64], limits: &[bool], step: f64) -> Result<Plant, GapError> {
+    pub fn plant(&self, x: &[f64], limits: &[Stops], step: f64) -> Result<Plant, GapError> {
         Plant::new(&self.model_at(x), limits, step)
     }
 

@@ -52,9 +52,11 @@ mod span;
 mod starts;
 #[cfg(test)]
 mod starts_tests;
+mod stops;
 #[cfg(test)]
 mod tests;
 mod trajectory;
+mod unheeded;
 mod unseen;
 mod valley;
 #[cfg(test)]
@@ -67,6 +69,6 @@ pub use error::GapError;
 pub use find::{Found, Options, find};
 pub use flexible::Region;
 pub use page::page;
-pub use predict::{predict, prediction_error};
+pub use predict::{Predicted, predict, prediction_error};
 pub use report::Report;
 pub use windows::Figures;

@@ -67,25 +67,25 @@ fn jumps_of_the_effort_do_not_hide_its_noise() {
 /// An error would weigh nothing where a drive is at its limit, and everything elsewhere.
 #[test]
 fn a_drive_at_its_limit_is_no_heavier() {
-    let free = Plant::new(&door(), &[false], 1e-3).unwrap();
-    let limited = Plant::new(&with(&door(), "actuator_saturation", &[("limit", 0.1)]), &[false], 1e-3).unwrap();
+    let free = Plant::new(&door(), &[[false; 2]], 1e-3).unwrap();
+    let limited = Plant::new(&with(&door(), "actuator_saturation", &[("limit", 0.1)]), &[[false; 2]], 1e-3).unwrap();
     assert_eq!(free.mobility(&[0.5], 0.005, &[2.0]), limited.mobility(&[0.5], 0.005, &[2.0]));
 }
 
 /// A fast mode would make errors weigh less than any other effect could, and explain noise.
 #[test]
 fn a_base_that_swings_is_no_lighter() {
-    let rigid = Plant::new(&door(), &[false], 1e-3).unwrap();
+    let rigid = Plant::new(&door(), &[[false; 2]], 1e-3).unwrap();
     let mut swinging = with(&door(), "unmodelled_mode", &[("frequency", 35.0), ("damping_ratio", 0.03), ("mass", 2.0)]);
     swinging.document.effects[0].joint = None;
     swinging.document.effects[0].choices.insert("direction".into(), "x".into());
-    let swinging = Plant::new(&swinging, &[false], 1e-3).unwrap();
+    let swinging = Plant::new(&swinging, &[[false; 2]], 1e-3).unwrap();
     assert_eq!(rigid.mobility(&[0.5], 0.005, &[2.0]), swinging.mobility(&[0.5], 0.005, &[2.0]));
 }
 
 #[test]
 fn an_encoder_that_shows_more_shows_more_noise() {
-    let mobility = |model: &ObjectModel| Plant::new(model, &[false], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0])[0];
+    let mobility = |model: &ObjectModel| Plant::new(model, &[[false; 2]], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0])[0];
     let scaled = with(&door(), "encoder_offset", &[("offset", 0.0), ("scale_error", 0.1)]);
     let ratio = mobility(&scaled) / mobility(&door());
     assert!((ratio - 1.1).abs() < 1e-3, "{ratio}");
@@ -122,6 +122,6 @@ fn a_drift_of_the_measured_effort_is_told_from_a_force() {
 fn a_sensor_of_efforts_changes_nothing_about_how_joints_answer() {
     let mut drifts = with(&door(), "sensor_drift", &[("bias", 1.5), ("rate", 0.0)]);
     drifts.document.effects[0].choices.insert("of".into(), "effort".into());
-    let mobility = |model: &ObjectModel| Plant::new(model, &[false], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0]);
+    let mobility = |model: &ObjectModel| Plant::new(model, &[[false; 2]], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0]);
     assert_eq!(mobility(&drifts), mobility(&door()));
 }

@@ -9,6 +9,7 @@ use sagci_recording::CommandKind;
 
 use crate::GapError;
 use crate::observer::DriveSlopes;
+use crate::stops::Stops;
 use crate::trajectory::{Drive, Trajectory};
 
 /// A simulator with the laws of its drives.
@@ -182,14 +183,18 @@ fn next_change(time: &[f64], after: f64, late: f64) -> Option<f64> {
 }
 
 impl Plant {
-    /// `limits` says of which joints the URDF's limits are kept.
-    pub fn new(model: &ObjectModel, limits: &[bool], step: f64) -> Result<Self, GapError> {
+    /// `limits` says which of the URDF's limits are kept, by joint.
+    pub fn new(model: &ObjectModel, limits: &[Stops], step: f64) -> Result<Self, GapError> {
         let mut open = model.clone();
         let moving: Vec<usize> = model.moving_joints().collect();
         for (slot, i) in moving.iter().enumerate() {
-            if !limits.get(slot).copied().unwrap_or(true) {
-                let limits = &mut open.joints[*i].limits;
-                (limits.lower, limits.upper) = (f64::NEG_INFINITY, f64::INFINITY);
+            let [lower, upper] = limits.get(slot).copied().unwrap_or([true; 2]);
+            let limits = &mut open.joints[*i].limits;
+            if !lower {
+                limits.lower = f64::NEG_INFINITY;
+            }
+            if !upper {
+                limits.upper = f64::INFINITY;
             }
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());

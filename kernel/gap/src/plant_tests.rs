@@ -18,7 +18,7 @@ const PERIOD: f64 = 0.005;
 fn along(model: &ObjectModel, step: f64, velocity: f64, inputs: &[f64], drive: Drive) -> Vec<f64> {
     let mut trajectory = Trajectory::steady(inputs.len(), PERIOD, &[0.0], vec![drive]);
     trajectory.input.copy_from_slice(inputs);
-    let plant = Plant::new(model, &[false], step).unwrap();
+    let plant = Plant::new(model, &[[false; 2]], step).unwrap();
     let mut motion = plant.motion();
     motion.state.v[0] = velocity;
     let mut read = Vec::new();
@@ -90,7 +90,7 @@ fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
 /// The model's own motion from a fling, with noise of positions.
 fn flung(model: &ObjectModel, velocities: [f64; 2]) -> Log {
     use rand::SeedableRng;
-    let plant = Plant::new(model, &[false, false], 5e-5).unwrap();
+    let plant = Plant::new(model, &[[false; 2]; 2], 5e-5).unwrap();
     let mut motion = plant.motion();
     motion.state.v.copy_from_slice(&velocities);
     let mut random = rand_pcg::Pcg64::seed_from_u64(4);

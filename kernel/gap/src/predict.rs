@@ -7,19 +7,32 @@ use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
 use crate::GapError;
-use crate::noise;
 use crate::search::{FLOOR, STEP, Search};
 use crate::trajectory::Trajectory;
-use crate::windows::Smoothed;
+use crate::windows::{self, Smoothed};
+use crate::{noise, unheeded};
+
+/// Positions as they are predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Predicted {
+    /// The table, see [`predict`].
+    pub table: String,
+    /// What was set right, doubted or left out.
+    pub notes: Vec<String>,
+}
 
 /// CSV with the columns `time,window` and for each joint `JOINT.position,JOINT.velocity,JOINT.measured_position`; a row for each
-/// sample that a window predicts. Windows are those of the gap: each starts half a window after the one before.
+/// sample that a window predicts, at the recording's own time. Windows are those of the gap: each starts half a window after the one before.
 ///
 /// # Errors
 /// As [`crate::find`].
-pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String, GapError> {
+pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<Predicted, GapError> {
+    unheeded::check(model)?;
+    let mut notes = unheeded::notes(logs.iter(), model);
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
-    let search = Search::new(model, &trajectories)?;
+    windows::check(&trajectories, window)?;
+    windows::say_without(&trajectories, window, &mut notes);
+    let search = Search::beside(model, &trajectories, &[], &mut notes)?;
     let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
     let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
     let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
@@ -35,7 +48,7 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
         let n = trajectory.joints;
         let rows = window.position.chunks_exact(n).zip(window.velocity.chunks_exact(n));
         for (row, (position, velocity)) in (window.first..).zip(rows) {
-            let _ = write!(text, "{},{number}", trajectory.time[row]);
+            let _ = write!(text, "{},{number}", clock(trajectory.time[row], logs[window.trajectory].epoch));
             for j in 0..n {
                 let measured = trajectory.position[row * n + j];
                 let measured = if measured.is_finite() { measured.to_string() } else { String::new() };
@@ -44,7 +57,21 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
             text.push('\n');
         }
     }
-    Ok(text)
+    Ok(Predicted { table: text, notes })
+}
+
+/// A time as it stands in the recording: whole seconds were taken off those that count from long ago.
+fn clock(time: f64, epoch: i64) -> String {
+    if epoch == 0 {
+        return time.to_string();
+    }
+    let nanoseconds = (time * 1e9).round() as i128 + i128::from(epoch) * 1_000_000_000;
+    let (whole, part) = (nanoseconds.div_euclid(1_000_000_000), nanoseconds.rem_euclid(1_000_000_000));
+    let part = format!("{part:09}");
+    match part.trim_end_matches('0') {
+        "" => whole.to_string(),
+        part => format!("{whole}.{part}"),
+    }
 }
 
 /// The gap of a model as it is: RMSE of the predicted positions by joint, rad or m, over windows of `window` s. Nothing is fitted.
@@ -53,6 +80,9 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
 /// As [`crate::find`].
 pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
+    if !trajectories.iter().any(|t| windows::has_any(t, window)) {
+        windows::check(&trajectories, window)?;
+    }
     let search = Search::new(model, &trajectories)?;
     let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
     let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;

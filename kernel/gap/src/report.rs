@@ -192,16 +192,38 @@ impl Experiment {
     pub const POSITIONS: [&str; 11] =
         ["low", "high", "slow_low", "slow_high", "middle", "amplitude", "first_amplitude", "last_amplitude", "position", "first", "second"];
 
-    /// Writes the command that goes on once it is recorded beside the data that there are, all as the command line takes them.
-    pub fn goes_on(mut self, model: &str, data: &str, held_out: &str) -> Self {
-        let held_out = if held_out.is_empty() { String::new() } else { format!(" --held-out {held_out}") };
-        self.command = format!("sagci gap {model} --data {data} {}.csv{held_out}", self.name);
+    /// Writes the command that goes on once it is recorded beside the data that there are, with the other options of the command that found
+    /// it, for a shell.
+    pub fn goes_on(mut self, model: &str, data: &[String], held_out: &[String], options: &[String]) -> Self {
+        let words = |words: &[String]| words.iter().map(|word| format!(" {}", quoted(word))).collect::<String>();
+        let held_out = if held_out.is_empty() { String::new() } else { format!(" --held-out{}", words(held_out)) };
+        let (model, data, options) = (quoted(model), words(data), words(options));
+        self.command = format!("sagci gap {model} --data{data} {}.csv{held_out}{options}", self.name);
         self
     }
 
     pub(crate) fn told_to(self, model: &str, train: &[&Log], held_out: &[&Log]) -> Self {
-        let sources = |logs: &[&Log]| logs.iter().map(|l| l.source.as_str()).collect::<Vec<_>>().join(" ");
-        self.goes_on(model, &sources(train), &sources(held_out))
+        let sources = |logs: &[&Log]| logs.iter().map(|l| l.source.clone()).collect::<Vec<_>>();
+        self.goes_on(model, &sources(train), &sources(held_out), &[])
+    }
+}
+
+/// A word as a shell takes it for one.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "_-+=:,./@%".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn a_path_with_spaces_and_quotes_stays_one_word() {
+        assert_eq!(quoted("runs/a_1.csv"), "runs/a_1.csv");
+        assert_eq!(quoted("my log.csv"), "'my log.csv'");
+        assert_eq!(quoted("it's $HOME"), "'it'\\''s $HOME'");
+        assert_eq!(quoted(""), "''");
     }
 }
 

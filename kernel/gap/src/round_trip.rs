@@ -18,9 +18,9 @@ fn the_written_model_predicts_what_the_found_one_does() {
         });
     }
     let logs = sagci_recording::read(&[measured.join("swing_1.csv")], Some(&model)).unwrap_or_else(|e| panic!("{e}"));
-    let unmarked = crate::predict(&model, &logs, 1.0).unwrap_or_else(|e| panic!("{e}"));
+    let unmarked = crate::predict(&model, &logs, 1.0).unwrap_or_else(|e| panic!("{e}")).table;
     model.state_in_urdf();
-    let found = crate::predict(&model, &logs, 1.0).unwrap_or_else(|e| panic!("{e}"));
+    let found = crate::predict(&model, &logs, 1.0).unwrap_or_else(|e| panic!("{e}")).table;
     assert!(found == unmarked, "marking an effect changed what is simulated");
 
     let folder = std::env::temp_dir().join(format!("sagci-gap-round-trip-{}", std::process::id()));
@@ -29,7 +29,7 @@ fn the_written_model_predicts_what_the_found_one_does() {
     let urdf = std::fs::read_to_string(folder.join("model.urdf")).unwrap_or_default();
     let _ = std::fs::remove_dir_all(&folder);
     assert!(urdf.contains("<dynamics damping=\"0.0000333"), "{urdf}");
-    let again = crate::predict(&written.unwrap_or_else(|e| panic!("{e}")), &logs, 1.0).unwrap_or_else(|e| panic!("{e}"));
+    let again = crate::predict(&written.unwrap_or_else(|e| panic!("{e}")), &logs, 1.0).unwrap_or_else(|e| panic!("{e}")).table;
     // The URDF's angles are rounded once; nothing else may differ.
     let numbers = |text: &str| -> Vec<f64> { text.lines().skip(1).flat_map(|l| l.split(',').map(|c| c.parse().unwrap_or(0.0))).collect() };
     let (a, b) = (numbers(&found), numbers(&again));

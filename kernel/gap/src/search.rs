@@ -15,6 +15,7 @@ use crate::observer::{self, Disturbance, Errors, Run};
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbour};
+use crate::stops::{self, Stops};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
 /// An effect at a place, fitted.
@@ -72,10 +73,20 @@ const CLOSE: f64 = 0.8;
 
 impl<'a> Search<'a> {
     pub fn new(model: &ObjectModel, trajectories: &'a [Trajectory]) -> Result<Self, GapError> {
+        Self::beside(model, trajectories, &[], &mut Vec::new())
+    }
+
+    /// The same, where others are predicted as well: no limit is kept that these go past. Says which those are.
+    pub fn beside(
+        model: &ObjectModel,
+        trajectories: &'a [Trajectory],
+        others: &[Trajectory],
+        notes: &mut Vec<String>,
+    ) -> Result<Self, GapError> {
         let names = joint_names(model)?;
         let joints: Vec<usize> = model.moving_joints().collect();
         let n = names.len();
-        let limits: Vec<bool> = (0..n).map(|j| reached(model, joints[j], trajectories, j)).collect();
+        let limits: Vec<Stops> = (0..n).map(|j| stops::kept(model, (joints[j], j), trajectories, others, notes)).collect();
         let known = Hypothesis::known(model, &joints);
         let given = known.plant(&known.x, &limits, STEP)?;
         let inverse = given.inverse_mass_at(&noise::middle(trajectories, n));
@@ -303,13 +314,6 @@ impl<'a> Search<'a> {
         }
         Ok(runs)
     }
-}
-
-/// Are the URDF's limits of a joint reached in the data?
-fn reached(model: &ObjectModel, joint: usize, trajectories: &[Trajectory], column: usize) -> bool {
-    let limits = &model.joints[joint].limits;
-    let margin = 0.002 * limits.range().min(10.0);
-    trajectories.iter().flat_map(|t| t.positions(column)).any(|y| y < limits.lower + margin || y > limits.upper - margin)
 }
 
 /// Share of the joint's typical force below which gravity does not move it, and positions at which that is asked.

@@ -87,7 +87,7 @@ fn a_payload_begins_where_it_pulls_as_the_tilt_that_imitates_it() {
             let mut truth = with(&model, effect, parameters);
             truth.document.effects[0].joint = Some("pivot".into());
             let accelerated = |model: &sagci_model::ObjectModel| {
-                let plant = Plant::new(model, &[false], 1e-4).unwrap();
+                let plant = Plant::new(model, &[[false; 2]], 1e-4).unwrap();
                 let mut motion = plant.motion();
                 motion.state.q[0] = q;
                 plant.interval(&mut motion, &Trajectory::steady(2, 1e-4, &[0.0], vec![crate::trajectory::Drive::Effort]), 0).unwrap();

@@ -36,7 +36,7 @@ pub(crate) fn led(truth: &ObjectModel, noise: f64, seed: u64, width: f64) -> Log
 
 /// The same from a start of its own, with the hand on a way of its own, by time.
 pub(crate) fn driven(truth: &ObjectModel, noise: f64, seed: u64, start: f64, way: impl Fn(f64) -> f64) -> Log {
-    let plant = Plant::new(truth, &[false], 1e-4).unwrap();
+    let plant = Plant::new(truth, &[[false; 2]], 1e-4).unwrap();
     let mut motion = plant.motion();
     let mut random = Pcg64::seed_from_u64(seed);
     let mut joint = JointLog { name: "hinge".into(), effort: Some(Series::default()), ..JointLog::default() };
@@ -177,7 +177,7 @@ fn a_held_push_is_integrated_exactly() {
     model.joints[0].friction = 0.0;
     let trajectory = Trajectory::new(&swing(&model, 0.0, 2), &model).unwrap();
     let end = |step: f64| {
-        let plant = Plant::new(&model, &[false], step).unwrap();
+        let plant = Plant::new(&model, &[[false; 2]], step).unwrap();
         let mut motion = plant.motion();
         for k in 0..200 {
             plant.interval(&mut motion, &trajectory, k).unwrap();
@@ -382,7 +382,7 @@ fn what_was_sent_before_a_recording_began_is_not_held_against_a_delay() {
 fn a_clock_that_is_off_is_a_drive_that_is() {
     let log = swing(&door(), 0.0, 1);
     let end = |model: &ObjectModel, log: &Log| -> f64 {
-        let plant = Plant::new(model, &[false], 1e-3).unwrap();
+        let plant = Plant::new(model, &[[false; 2]], 1e-3).unwrap();
         let trajectory = Trajectory::new(log, &door()).unwrap();
         let mut motion = plant.motion();
         motion.state.q[0] = 0.6;
@@ -411,7 +411,7 @@ fn a_clock_that_is_off_is_a_drive_that_is() {
 fn how_closely_a_motion_is_followed_is_sought_to_both_sides() {
     let model = door();
     let log = [Trajectory::new(&swing(&with(&model, "viscous_friction", &[("damping", 0.5)]), 1e-4, 1), &model).unwrap()];
-    let plant = Plant::new(&model, &[false], 2.5e-3).unwrap();
+    let plant = Plant::new(&model, &[[false; 2]], 2.5e-3).unwrap();
     let noise = noise::of_motion(&log, 1, 0.01);
     let factors = likely_noise(&plant, &log, &|factors| noise.times(factors), [0.0, f64::INFINITY], Seek::Everywhere);
     let off = |factors: [f64; 2]| {

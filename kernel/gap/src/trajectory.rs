@@ -97,6 +97,16 @@ pub(crate) struct Trajectory {
     pub joints: usize,
 }
 
+/// Does a drive take such commands? A joint without a law is driven by efforts.
+pub(crate) fn taken(kind: CommandKind, law: Option<&ActuatorLaw>) -> bool {
+    matches!(
+        (kind, law),
+        (CommandKind::Effort, None | Some(ActuatorLaw::Torque { .. }))
+            | (CommandKind::Position, Some(ActuatorLaw::PositionServo { .. } | ActuatorLaw::DcMotor { gain: Some(_), .. }))
+            | (CommandKind::Voltage, Some(ActuatorLaw::DcMotor { .. }))
+    )
+}
+
 /// Names of the model's degrees of freedom.
 pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> {
     let mut names = Vec::new();
@@ -152,7 +162,7 @@ impl Trajectory {
     fn stoppable(&self, model: &ObjectModel) -> Result<Vec<f64>, GapError> {
         let n = self.joints;
         let alone = std::slice::from_ref(self);
-        let plant = Plant::new(model, &vec![false; n], self.period())?;
+        let plant = Plant::new(model, &vec![[false; 2]; n], self.period())?;
         let inverse = plant.inverse_mass_at(&noise::middle(alone, n));
         Ok((0..n).map(|j| STOPPED * noise::of_efforts(alone, j) * inverse[j * n + j] * self.period()).collect())
     }
@@ -222,12 +232,9 @@ impl Trajectory {
         for (j, joint) in found.iter().enumerate() {
             let Some(joint) = joint else { continue };
             let law = model.document.actuators.iter().find(|a| a.joint == joint.name).map(|a| &a.law);
-            let driven = match (&joint.command, law) {
-                (Some((CommandKind::Effort, series)), None | Some(ActuatorLaw::Torque { .. })) => Some((CommandKind::Effort, series)),
-                (Some((kind @ CommandKind::Position, series)), Some(ActuatorLaw::PositionServo { .. }))
-                | (Some((kind @ CommandKind::Position, series)), Some(ActuatorLaw::DcMotor { gain: Some(_), .. }))
-                | (Some((kind @ CommandKind::Voltage, series)), Some(ActuatorLaw::DcMotor { .. })) => Some((*kind, series)),
-                (Some((kind, _)), _) if joint.effort.is_none() => {
+            let driven = match &joint.command {
+                Some((kind, series)) if taken(*kind, law) => Some((*kind, series)),
+                Some((kind, _)) if joint.effort.is_none() => {
                     let (what, law) = match kind {
                         CommandKind::Effort => ("efforts", "torque"),
                         CommandKind::Position => ("positions", "position_servo"),

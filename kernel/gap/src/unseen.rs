@@ -33,6 +33,21 @@ pub(crate) fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut V
     )
 }
 
+/// Refuses data that are to be unseen and are fitted to.
+pub(crate) fn apart(train: &[Log], held_out: &[Log]) -> Result<(), GapError> {
+    for unseen in held_out.iter().filter(|log| !log.hash.is_empty()) {
+        if let Some(seen) = train.iter().find(|log| log.hash == unseen.hash) {
+            let message = match seen.source == unseen.source {
+                true => "is among the data as well as held out".to_owned(),
+                false => format!("is held out, and holds the same as {} among the data", seen.source),
+            };
+            let hint = "what is fitted to confirms nothing. Name it in one place only";
+            return Err(GapError::data(&unseen.source, format!("{message}: {hint}")));
+        }
+    }
+    Ok(())
+}
+
 /// What unseen data say of an effect, in units of their noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Unseen {

@@ -184,10 +184,59 @@ fn places_after(trajectory: &Trajectory, length: f64, is_early: impl Fn(usize, u
         // A window that the data do not fill is left out.
         if trajectory.time[stop - 1] >= end - 0.5 * length {
             let inside = trajectory.time[row + 1..stop].iter().take_while(|t| **t <= end + 1e-9).count();
-            found.push((row, row + 1 + inside));
+            if inside > 0 {
+                found.push((row, row + 1 + inside));
+            }
         }
     }
     found
+}
+
+/// Is there a window of a length?
+pub(crate) fn has_any(trajectory: &Trajectory, length: f64) -> bool {
+    !places(trajectory, length).is_empty()
+}
+
+/// How long its longest stretch without a pause lasts, the last sample's own time included, s.
+fn longest(trajectory: &Trajectory) -> f64 {
+    let ends = trajectory.starts.iter().copied().skip(1).chain([trajectory.rows()]);
+    let lasts = trajectory.starts.iter().zip(ends).map(|(start, end)| trajectory.time[end - 1] - trajectory.time[*start]);
+    lasts.fold(0.0, f64::max) + trajectory.period()
+}
+
+/// Is a stretch as long as a window of a length, and does one hold samples?
+pub(crate) fn has_whole(trajectory: &Trajectory, length: f64) -> bool {
+    longest(trajectory) > length * (1.0 - 1e-6) && has_any(trajectory, length)
+}
+
+/// Refuses data of which no stretch is as long as a window: a figure over none would be zero.
+pub(crate) fn check(trajectories: &[Trajectory], length: f64) -> Result<(), GapError> {
+    if trajectories.is_empty() || trajectories.iter().any(|t| has_whole(t, length)) {
+        return Ok(());
+    }
+    let place = trajectories.iter().map(|t| t.source.as_str()).collect::<Vec<_>>().join(", ");
+    let most = trajectories.iter().map(longest).fold(0.0, f64::max);
+    let apart = trajectories.iter().map(Trajectory::period).fold(f64::INFINITY, f64::min);
+    let message = match most < length {
+        // Down to what is surely less.
+        true => format!(
+            "no window of {length} s fits: the longest stretch without a pause lasts {most:.3} s; give a shorter one, --window {}, or record for \
+             longer",
+            (0.9 * most * 100.0).floor() / 100.0
+        ),
+        false => {
+            format!("samples are {apart:.3} s apart, and a window of {length} s holds none but its first; give --window {:.2}", 4.0 * apart)
+        }
+    };
+    Err(GapError::data(place, message))
+}
+
+/// Says which recordings have no window.
+pub(crate) fn say_without(trajectories: &[Trajectory], length: f64, notes: &mut Vec<String>) {
+    notes.extend(trajectories.iter().filter(|t| !has_any(t, length)).map(|t| {
+        let lasts = longest(t);
+        format!("{}: its longest stretch without a pause lasts {lasts:.3} s; no window of {length} s is in it, and it counts in no figure of the gap", t.source)
+    }));
 }
 
 /// How far a prediction is off in shares of the joint's range, at the most all of it; none where nothing was measured.

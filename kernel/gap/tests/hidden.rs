@@ -20,7 +20,7 @@ fn answer(case: &str) -> Report {
         let mut paths: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().path()).collect();
         paths.retain(|p| p.file_name().is_some_and(|n| n.to_string_lossy().starts_with(prefix)));
         paths.sort();
-        read_with(&paths, Some(&model), &sagci_recording::Options { angles: Angles::Radians }).unwrap()
+        read_with(&paths, Some(&model), &sagci_recording::Options { angles: Angles::Radians, ..Default::default() }).unwrap()
     };
     find(&model, &logs("train"), &logs("held_out"), &Options::default()).unwrap().report
 }

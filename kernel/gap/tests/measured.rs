@@ -24,7 +24,7 @@ fn logs(name: &str, model: &ObjectModel, prefixes: &[&str]) -> Vec<Log> {
     };
     paths.retain(chosen);
     paths.sort();
-    read_with(&paths, Some(model), &sagci_recording::Options { angles: Angles::Radians }).unwrap()
+    read_with(&paths, Some(model), &sagci_recording::Options { angles: Angles::Radians, ..Default::default() }).unwrap()
 }
 
 fn answer(name: &str, train: &[&str], held_out: &[&str]) -> Report {

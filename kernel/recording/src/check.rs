@@ -5,7 +5,7 @@ use std::path::Path;
 
 use sagci_model::{JointKind, ObjectModel, did_you_mean, nearest};
 
-use crate::read::Angles;
+use crate::read::{Angles, Lengths, Options};
 use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series};
 
 /// Share of a joint's range by which positions may be beyond its limits before the unit is doubted: stops give way, zeros are off.
@@ -16,28 +16,27 @@ const SLACK: f64 = 0.35;
 const TURNS: f64 = 4.0 * PI;
 /// One that turns further than this to both sides and comes back again and again is asked about: in degrees it would be a swing.
 const SWINGS: f64 = 8.0 * PI;
+/// A sliding joint that goes so many times as far as its limits are from zero and from one another is asked about: in millimetres it would
+/// be a thousand times. One without limits, where it goes so many m.
+const MANY: f64 = 20.0;
 /// A position that covers less than this, rad or m, may be noise alone.
 const SMALL_MOTION: f64 = 0.01;
 /// A position that covers less than this, rad or m, is at rest.
 const NO_MOTION: f64 = 1e-6;
 
-/// Holds one recording against the model, and converts degrees.
+/// Holds one recording against the model, and converts degrees and millimetres.
 /// `is_chosen`: somebody chose what the file holds; a robot records whatever joints there are.
 pub(crate) fn check(
     path: &Path,
     log: &mut Log,
     model: Option<&ObjectModel>,
-    angles: Angles,
+    options: Options,
     is_chosen: bool,
 ) -> Result<(), RecordingError> {
     if let Some(model) = model {
         names(path, log, model, is_chosen)?;
-        if angles == Angles::Degrees {
-            convert(log, model);
-        }
-        if angles == Angles::Ask {
-            units(path, log, model)?;
-        }
+        convert(log, model, options);
+        units(path, log, model, options)?;
     }
     let mut notes = Vec::new();
     for joint in log.joints.iter_mut().filter(|j| model.is_none_or(|m| m.joint(&j.name).is_some())) {
@@ -85,17 +84,20 @@ fn turns(kind: JointKind) -> bool {
     matches!(kind, JointKind::Revolute | JointKind::Continuous)
 }
 
-/// Degrees to radians.
-fn convert(log: &mut Log, model: &ObjectModel) {
+/// Degrees to radians, millimetres to metres.
+fn convert(log: &mut Log, model: &ObjectModel, options: Options) {
     for joint in &mut log.joints {
-        if !model.joint(&joint.name).is_some_and(|j| turns(model.joints[j].kind)) {
-            continue;
-        }
+        let Some(kind) = model.joint(&joint.name).map(|j| model.joints[j].kind) else { continue };
+        let (to_si, from, into): (fn(f64) -> f64, _, _) = match kind {
+            JointKind::Prismatic if options.lengths == Lengths::Millimetres => (|v| v / 1000.0, "millimetres", "m"),
+            kind if turns(kind) && options.angles == Angles::Degrees => (f64::to_radians, "degrees", "rad"),
+            _ => continue,
+        };
         let commanded = joint.command.as_mut().filter(|c| c.0 == CommandKind::Position).map(|c| &mut c.1);
         for series in [Some(&mut joint.position), joint.velocity.as_mut(), commanded].into_iter().flatten() {
-            series.value.iter_mut().for_each(|v| *v = v.to_radians());
+            series.value.iter_mut().for_each(|v| *v = to_si(*v));
         }
-        let message = "positions and velocities were given in degrees, and converted to rad".to_owned();
+        let message = format!("positions and velocities were given in {from}, and converted to {into}");
         log.notes.push(Note { place: joint.name.clone(), message });
     }
 }
@@ -105,17 +107,22 @@ fn extent(series: &Series) -> Option<[f64; 2]> {
     series.value.iter().fold(None, |e: Option<[f64; 2]>, v| Some(e.map_or([*v; 2], |[a, b]| [a.min(*v), b.max(*v)])))
 }
 
-/// Positions beyond the limits that would lie within them if they were degrees are asked about.
-fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), RecordingError> {
+/// Positions beyond the limits that would lie within them if they were degrees or millimetres are asked about.
+fn units(path: &Path, log: &mut Log, model: &ObjectModel, options: Options) -> Result<(), RecordingError> {
     for joint in &log.joints {
         let (Some(known), Some([least, most])) = (model.joint(&joint.name), extent(&joint.position)) else { continue };
         let known = &model.joints[known];
         let limits = known.limits;
+        let is_asked = if known.kind == JointKind::Prismatic { options.lengths == Lengths::Ask } else { options.angles == Angles::Ask };
+        if !is_asked {
+            continue;
+        }
+        let far = least.abs().max(most.abs());
         let [lower, upper] = match known.kind {
             JointKind::Revolute | JointKind::Prismatic if limits.range().is_finite() => [limits.lower, limits.upper],
-            JointKind::Continuous if least.abs().max(most.abs()) > TURNS => {
+            JointKind::Continuous if far > TURNS => {
                 let way: f64 = joint.position.value.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
-                let is_swing = way > 2.0 * (most - least) && least.abs().max(most.abs()) < 400.0;
+                let is_swing = way > 2.0 * (most - least) && far < 400.0;
                 let what = format!("turns from {least:.4} to {most:.4} rad");
                 if is_swing && most - least > SWINGS {
                     return Err(RecordingError::Units {
@@ -128,6 +135,13 @@ fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), Recordin
                 let message = format!("{what}; if these are degrees, say so: {HOW}");
                 log.notes.push(Note { place: joint.name.clone(), message });
                 continue;
+            }
+            JointKind::Prismatic if far > MANY => {
+                return Err(RecordingError::Units {
+                    path: path.to_owned(),
+                    joint: joint.name.clone(),
+                    message: format!("slides from {least:.4} to {most:.4} m: these look like millimetres. Say what they are: {HOW_LONG}"),
+                });
             }
             _ => continue,
         };
@@ -143,13 +157,14 @@ fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), Recordin
                 ),
             });
         }
-        if known.kind == JointKind::Prismatic && !within(1.0, slack) && within(1e-3, slack) {
+        let reach = limits.range().max(lower.abs()).max(upper.abs());
+        if known.kind == JointKind::Prismatic && far > MANY * reach && within(1e-3, slack) {
             return Err(RecordingError::Units {
                 path: path.to_owned(),
                 joint: joint.name.clone(),
                 message: format!(
                     "positions go from {least:.4} to {most:.4}, but the model's limits are {lower:.4} to {upper:.4} m: these look like \
-                     millimetres. Write them in m"
+                     millimetres. Say what they are: {HOW_LONG}"
                 ),
             });
         }
@@ -163,6 +178,9 @@ fn units(path: &Path, log: &mut Log, model: &ObjectModel) -> Result<(), Recordin
 
 const HOW: &str =
     "'--angles deg' (they are converted) or '--angles rad' (they are right as they are), or in a CSV file a line '# angles: deg'";
+
+const HOW_LONG: &str =
+    "'--lengths mm' (they are converted) or '--lengths m' (they are right as they are), or in a CSV file a line '# lengths: mm'";
 
 /// Says what never changes. A velocity that stays the same while the position moves is none.
 fn constants(joint: &mut JointLog, notes: &mut Vec<Note>) {

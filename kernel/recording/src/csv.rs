@@ -6,7 +6,7 @@ use std::path::Path;
 
 use sagci_model::{did_you_mean, nearest};
 
-use crate::raw::{Channel, Clock, Raw, Track};
+use crate::raw::{Channel, Clock, IMPOSSIBLE, Raw, Track};
 use crate::{CommandKind, JointLog, Log, Note, RecordingError};
 
 const TIME: &str = "time";
@@ -72,6 +72,10 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, RecordingError> {
                 },
                 Column::Sample { .. } => {
                     let value = number(cell, delimiter).ok_or_else(|| wrong("number"))?;
+                    if value.is_finite() && value.abs() >= IMPOSSIBLE {
+                        let message = "number that a joint can have; where nothing was measured, leave the cell empty";
+                        return Err(wrong(message));
+                    }
                     undefined += usize::from(value.is_nan() && !cell.trim().is_empty());
                     row[i] = value;
                 }
@@ -193,9 +197,18 @@ fn columns(path: &Path, (line, header): (usize, &str), delimiter: char, raw: &mu
     Ok(columns)
 }
 
-/// A comment. `# angles: deg` or `# angles: rad` says what the positions of turning joints are in.
+/// A comment. `# angles: deg` or `# angles: rad` says what the positions of turning joints are in, `# lengths: mm` or `# lengths: m` those of
+/// sliding ones.
 fn remark(path: &Path, line: usize, text: &str, raw: &mut Raw) -> Result<(), RecordingError> {
-    if let Some(unit) = text.trim_start().trim_start_matches('#').trim_start().strip_prefix("angles:") {
+    let text = text.trim_start().trim_start_matches('#').trim_start();
+    if let Some(unit) = text.strip_prefix("lengths:") {
+        raw.millimetres = Some(match unit.trim() {
+            "mm" => true,
+            "m" => false,
+            other => return Err(error(path, line, format!("lengths are in 'm' or 'mm', not in '{other}'"))),
+        });
+    }
+    if let Some(unit) = text.strip_prefix("angles:") {
         raw.degrees = Some(match unit.trim() {
             "deg" => true,
             "rad" => false,

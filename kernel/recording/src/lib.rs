@@ -22,4 +22,4 @@ pub use container::{Cut, records};
 pub use error::RecordingError;
 pub use log::{CommandKind, JointLog, Log, Note, Series, WrenchLog};
 pub use message::{JointState, WrenchStamped};
-pub use read::{Angles, LARGEST_FILE, Options, read, read_with};
+pub use read::{Angles, LARGEST_FILE, Lengths, Options, read, read_with};

@@ -12,6 +12,9 @@ use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series, WrenchLog}
 /// So many samples must fall between those from before a jump back of the clock, on both sides, for it to be a second recording.
 const INTERLEAVED: usize = 10;
 
+/// No joint has a position, velocity, effort or command of this size, in SI units: squares of it end a computation.
+pub(crate) const IMPOSSIBLE: f64 = 1e12;
+
 /// What is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Channel {
@@ -64,6 +67,13 @@ impl Clock {
     /// A clock that was set back within a recording gives samples of two stretches of time at the same times: they cannot be set in
     /// order. Rows that only stand in another order can.
     fn order(&self, path: &Path, notes: &mut Vec<Note>) -> Result<Vec<usize>, RecordingError> {
+        // A topic may repeat one message; the rows of a table are all there is.
+        if let ([first, _, ..], "") = (self.time.as_slice(), self.place.as_str())
+            && self.time.iter().all(|t| t == first)
+        {
+            let message = format!("all {} rows repeat one time; the column 'time' holds when each was measured, in s", self.time.len());
+            return Err(RecordingError::Clock { path: path.to_owned(), place: self.at(1), message });
+        }
         let mut order: Vec<usize> = (0..self.time.len()).collect();
         let back: Vec<usize> = (1..self.time.len()).filter(|&i| self.time[i] < self.time[i - 1]).collect();
         let Some(&first) = back.first() else { return Ok(order) };
@@ -117,6 +127,8 @@ pub(crate) struct Raw {
     pub notes: Vec<Note>,
     /// Positions and velocities of turning joints are said to be in degrees, or said to be in radians.
     pub degrees: Option<bool>,
+    /// The same of sliding joints: in millimetres, or in metres.
+    pub millimetres: Option<bool>,
     /// Somebody chose what the file holds, as the columns of a table; a robot records whatever joints there are.
     pub is_chosen: bool,
 }
@@ -167,9 +179,16 @@ impl Raw {
             }
             let track = tracks.swap_remove(most);
             let clock = &self.clocks[track.clock];
-            let undefined = track.value.iter().filter(|v| v.is_infinite()).count();
-            if undefined > 0 {
-                notes.push(Note { place: place.clone(), message: format!("{undefined} values are infinite; they count as missing") });
+            let infinite = track.value.iter().filter(|v| v.abs() >= IMPOSSIBLE).count();
+            if infinite > 0 {
+                let message = format!("{infinite} values are infinite or larger than any joint's; they count as missing");
+                notes.push(Note { place: place.clone(), message });
+            }
+            // Of a table that is said of all cells, since an empty one is no number, either. A list of nothing else was not filled in.
+            let undefined = track.value.iter().filter(|v| v.is_nan()).count();
+            if !clock.place.is_empty() && (1..track.value.len()).contains(&undefined) {
+                let message = format!("{undefined} values are not a number (NaN); they count as missing");
+                notes.push(Note { place: place.clone(), message });
             }
             let mut samples: Vec<(i64, f64)> = track.tick.iter().zip(&track.value).map(|(t, v)| (clock.time[*t as usize], *v)).collect();
             let rank = &orders[track.clock];
@@ -179,7 +198,7 @@ impl Raw {
                 samples = by_rank.into_iter().map(|i| samples[i]).collect();
             }
             // Nothing commanded is a fact at a voltage, and a sample that is missing elsewhere.
-            let is_fact = |v: f64| v.is_finite() || channel == Channel::Command(CommandKind::Voltage);
+            let is_fact = |v: f64| v.abs() < IMPOSSIBLE || !v.is_finite() && channel == Channel::Command(CommandKind::Voltage);
             let mut kept: Vec<(i64, f64)> = Vec::with_capacity(samples.len());
             for (time, value) in samples.into_iter().filter(|(_, v)| is_fact(*v)) {
                 match kept.last_mut() {

@@ -8,7 +8,7 @@ use sagci_model::ObjectModel;
 use sha2::{Digest, Sha256};
 
 use crate::raw::Raw;
-use crate::{Log, RecordingError, check, csv, robot};
+use crate::{Log, Note, RecordingError, check, csv, robot};
 
 /// No file is larger than this, bytes.
 pub const LARGEST_FILE: u64 = 1 << 30;
@@ -29,20 +29,35 @@ pub enum Angles {
     Degrees,
 }
 
+/// What lengths are measured in.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Lengths {
+    /// Metres; numbers that look like millimetres are asked back about.
+    #[default]
+    Ask,
+    /// Metres, whatever they look like.
+    Metres,
+    /// Millimetres: positions, velocities and commanded positions of sliding joints are converted.
+    Millimetres,
+}
+
 /// How to read.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Options {
     /// What angles are measured in. A line `# angles: deg` or `# angles: rad` in a CSV file says it for that file.
     pub angles: Angles,
+    /// What lengths are measured in. A line `# lengths: mm` or `# lengths: m` in a CSV file says it for that file.
+    pub lengths: Lengths,
 }
 
 /// Reads recordings, one [`Log`] a file; a folder stands for the MCAP files in it, in the order of the numbers in their names, as
 /// rosbag2 splits them. What a file is, its content says and not its name. No file is changed.
 ///
-/// With a model, names and numbers are held against it. What is set right or doubted stands in [`Log::notes`].
+/// With a model, names and numbers are held against it. What is set right or doubted stands in [`Log::notes`]. A file whose bytes were read
+/// already is left out, and that is said: what counts twice says no more.
 ///
 /// Errors: files that are missing, empty, larger than [`LARGEST_FILE`], of another kind or broken; times that cannot be put in order; no
-/// joint of the model; numbers that look like degrees; nothing that moves in any of the files.
+/// joint of the model; numbers that look like degrees or millimetres; nothing that moves in any of the files.
 pub fn read(paths: &[PathBuf], model: Option<&ObjectModel>) -> Result<Vec<Log>, RecordingError> {
     read_with(paths, model, &Options::default())
 }
@@ -58,13 +73,22 @@ pub fn read_with(paths: &[PathBuf], model: Option<&ObjectModel>, options: &Optio
             let _ = write!(text, "{byte:02x}");
             text
         });
+        if let Some((first, raw, _)) = raws.iter_mut().find(|(.., other)| *other == hash) {
+            let is_one = first.canonicalize().ok().zip(path.canonicalize().ok()).is_some_and(|(a, b)| a == b);
+            let message = match is_one {
+                true => "is given more than once; it counts once".to_owned(),
+                false => format!("holds the same bytes as {}; it was left out", first.display()),
+            };
+            raw.notes.push(Note { place: path.display().to_string(), message });
+            continue;
+        }
         raws.push((path, raw, hash));
     }
     let first = raws.iter().filter_map(|r| r.1.first()).min().unwrap_or(0).div_euclid(1_000_000_000);
     let epoch = if first > LATE { first } else { 0 };
     let mut logs: Vec<Log> = Vec::with_capacity(raws.len());
     for (path, raw, hash) in raws {
-        let (degrees, is_chosen) = (raw.degrees, raw.is_chosen);
+        let (degrees, millimetres, is_chosen) = (raw.degrees, raw.millimetres, raw.is_chosen);
         let mut log = raw.settle(&path, epoch)?;
         log.hash = hash;
         let angles = match degrees {
@@ -72,7 +96,12 @@ pub fn read_with(paths: &[PathBuf], model: Option<&ObjectModel>, options: &Optio
             Some(false) => Angles::Radians,
             None => options.angles,
         };
-        check::check(&path, &mut log, model, angles, is_chosen)?;
+        let lengths = match millimetres {
+            Some(true) => Lengths::Millimetres,
+            Some(false) => Lengths::Metres,
+            None => options.lengths,
+        };
+        check::check(&path, &mut log, model, Options { angles, lengths }, is_chosen)?;
         log.continues = logs.last().is_some_and(|before| runs_on(before, &log));
         logs.push(log);
     }

@@ -6,7 +6,7 @@ mod common;
 use common::{Files, has_note, rows, swing};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use sagci_recording::{Angles, CommandKind, LARGEST_FILE, Options, RecordingError, Series, read, read_with};
+use sagci_recording::{Angles, CommandKind, LARGEST_FILE, Lengths, Options, RecordingError, Series, read, read_with};
 
 #[test]
 fn every_channel_is_read_with_times_of_its_own() {
@@ -255,7 +255,8 @@ fn degrees_are_asked_back_about_and_converted_only_when_told() {
     assert!(message.contains("hinge: positions go from 5.7") && message.contains("look like degrees"), "{message}");
     assert!(message.contains("--angles deg") && message.contains("--angles rad") && message.contains("# angles: deg"), "{message}");
     let path = files.write("degrees.csv", &degrees);
-    let as_told = |angles| read_with(std::slice::from_ref(&path), Some(&files.model), &Options { angles }).unwrap().remove(0);
+    let as_told =
+        |angles| read_with(std::slice::from_ref(&path), Some(&files.model), &Options { angles, ..Options::default() }).unwrap().remove(0);
     let converted = as_told(Angles::Degrees);
     let hinge = converted.joint("hinge").unwrap();
     assert!((hinge.position.value[50] - swing(0.5)).abs() < 1e-12);
@@ -316,7 +317,7 @@ fn times_that_run_on_are_one_session() {
             text + &if i == 0 { l.to_owned() } else { format!("{},{q}", t.parse::<f64>().unwrap() + from) } + "\n"
         })
     };
-    let paths = [("a.csv", 0.0), ("b.csv", 1.0), ("c.csv", 31.0), ("d.csv", 0.0), ("e.csv", 5000.0)]
+    let paths = [("a.csv", 0.0), ("b.csv", 1.0), ("c.csv", 31.0), ("d.csv", 0.5), ("e.csv", 5000.0)]
         .map(|(name, from)| files.write(name, part(from)));
     let logs = read(&paths, Some(&files.model)).unwrap();
     assert_eq!(logs.iter().map(|l| l.continues).collect::<Vec<_>>(), [false, true, true, false, false]);
@@ -354,4 +355,53 @@ fn a_file_is_known_by_its_sha256() {
     let files = Files::new();
     let log = files.read("time,wheel.position\n0,0\n1,1\n").unwrap();
     assert_eq!(log.hash, "9d90b674ab19bcdf38959f4438494e29d84a0eb94cc00a464f097d4da3e3be87");
+}
+
+#[test]
+fn a_number_that_no_joint_has_is_refused_where_it_stands() {
+    let files = Files::new();
+    let text = rows("hinge.position,hinge.effort", 100, |i, t| if i == 7 { "1e300,0".into() } else { format!("{},0", swing(t)) });
+    let message = files.refused(text);
+    assert!(message.contains("log:9: column 2 (hinge.position) holds '1e300'"), "{message}");
+}
+
+#[test]
+fn rows_that_all_have_one_time_are_not_a_joint_that_never_moves() {
+    let files = Files::new();
+    let text: String = (0..50).map(|i| format!("0.5,{}\n", swing(f64::from(i) * 0.01))).collect();
+    let message = files.refused(format!("time,hinge.position\n{text}"));
+    assert!(message.contains("all 50 rows repeat one time"), "{message}");
+}
+
+#[test]
+fn a_file_counts_once_however_often_it_is_named() {
+    let files = Files::new();
+    let text = rows("hinge.position", 100, |_, t| swing(t).to_string());
+    let (a, b) = (files.write("a.csv", &text), files.write("b.csv", &text));
+    let logs = read(&[a.clone(), a.clone(), b], Some(&files.model)).unwrap();
+    assert_eq!(logs.len(), 1);
+    assert!(has_note(&logs[0], &["a.csv", "more than once"]), "{:?}", logs[0].notes);
+    assert!(has_note(&logs[0], &["b.csv", "same bytes", "a.csv"]), "{:?}", logs[0].notes);
+}
+
+#[test]
+fn millimetres_are_asked_about_only_where_they_are_likely_and_taken_once_it_is_said() {
+    let files = Files::new();
+    let drawer =
+        |scale: f64| rows("drawer.position,drawer.velocity", 100, |_, t| format!("{},{}", scale * 0.3 * t.sin(), scale * 0.3 * t.cos()));
+    // Past its limits by as much as they are apart: a limit that is wrong, as likely as not.
+    files.read(rows("drawer.position", 100, |_, t| (-0.5 + 1.5 * t).to_string())).unwrap();
+    let message = files.refused(drawer(1000.0));
+    assert!(message.contains("millimetres") && message.contains("--lengths mm"), "{message}");
+    let metres = files.read(drawer(1.0)).unwrap();
+    let path = files.write("mm", drawer(1000.0));
+    let as_told =
+        |lengths| read_with(std::slice::from_ref(&path), Some(&files.model), &Options { lengths, ..Options::default() }).unwrap().remove(0);
+    let near = |log: &sagci_recording::Log, factor: f64| {
+        let (a, b) = (&log.joints[0], &metres.joints[0]);
+        let velocity = |j: &sagci_recording::JointLog| j.velocity.as_ref().unwrap().value[50];
+        (a.position.value[50] - factor * b.position.value[50]).abs() < 1e-9 && (velocity(a) - factor * velocity(b)).abs() < 1e-9
+    };
+    assert!(near(&as_told(Lengths::Millimetres), 1.0) && near(&as_told(Lengths::Metres), 1000.0));
+    assert!(near(&files.read(format!("# lengths: mm\n{}", drawer(1000.0))).unwrap(), 1.0));
 }

@@ -319,3 +319,21 @@ fn a_folder_stands_for_its_files_in_the_order_of_their_numbers() {
         Series { time: (60..80).map(|i| i as f64 / 100.0).collect(), value: (60..80).map(|i| swing(i as f64 * 0.01)).collect() }
     );
 }
+
+#[test]
+fn numbers_that_are_none_in_a_list_are_said() {
+    let files = Files::new();
+    let mut bag = Bag::new(None);
+    for i in 0..100 {
+        let (time, t) = (i as u64 * 10 * MS, i as f64 * 0.01);
+        let position = if i % 10 == 3 { f64::NAN } else { swing(t) };
+        bag.state("/joint_states", time, &state(time, &["hinge"], &[position], &[], &[if i == 5 { 1e300 } else { t }]));
+        bag.state("/hinge/command", time, &state(time, &["hinge"], &[f64::NAN], &[], &[t]));
+    }
+    let log = files.read(bag.finish()).unwrap();
+    assert!(has_note(&log, &["hinge.position", "10 values are not a number"]), "{:?}", log.notes);
+    assert!(has_note(&log, &["hinge.effort", "1 values are infinite or larger"]), "{:?}", log.notes);
+    assert_eq!((log.joints[0].position.time.len(), log.joints[0].effort.as_ref().unwrap().time.len()), (90, 99));
+    // A list that nobody filled in is none of numbers that are missing.
+    assert!(!has_note(&log, &["command", "not a number"]), "{:?}", log.notes);
+}

@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use sagci_gap::report::{Experiment, Report, Verdict};
 use sagci_gap::{Found, GapError, Options, find, page};
 use sagci_library::Evidence;
-use sagci_model::{DOCUMENT_FILE, JointKind, ObjectModel, URDF_FILE};
+use sagci_model::{DOCUMENT_FILE, Geometry, JointKind, ObjectModel, URDF_FILE, nearest};
 use sagci_recording::{Log, RecordingError};
 use sagci_script::language::stage::{AskedExperiment, Quantity};
 use sagci_script::language::value::{Angle, Length};
 
-use crate::arguments::{Angles, Format, Gap, Places};
-use crate::commands::{print, run};
+use crate::arguments::{Angles, Format, Gap, Lengths, Places};
+use crate::commands::{output, print, run};
 use crate::error::CliError;
 use crate::place;
 use crate::table::table;
@@ -23,47 +23,124 @@ fn wrong(error: GapError) -> CliError {
 /// A model, and where it came from.
 pub struct Given {
     pub model: ObjectModel,
+    /// What it was taken for, where that may surprise.
+    pub notes: Vec<String>,
+    /// Its URDF.
+    urdf: PathBuf,
     /// Its name and version in the library; none for a path.
     stored: Option<(String, String)>,
 }
 
-/// A model by its name in the library, or by a path.
+impl Given {
+    fn by_path(urdf: PathBuf) -> Result<Self, CliError> {
+        let model = ObjectModel::read_urdf(&urdf).map_err(|e| CliError::Other(e.to_string()))?;
+        Ok(Self { model, notes: Vec::new(), urdf, stored: None })
+    }
+
+    /// Files that it was read from.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let shapes = self.model.links.iter().flat_map(|l| l.visuals.iter().chain(&l.collisions));
+        let meshes = shapes.filter_map(|shape| match &shape.geometry {
+            Geometry::Mesh { file, .. } => Some(self.model.folder.join(file)),
+            _ => None,
+        });
+        meshes.chain([self.urdf.clone(), self.urdf.with_file_name(DOCUMENT_FILE)]).collect()
+    }
+
+    /// Refuses a file that would come into a version of the library's object: its name is the hash of all that is in it.
+    pub fn keeps_out(&self, path: &Path) -> Result<(), CliError> {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let inside = folder.canonicalize().ok().zip(self.model.folder.canonicalize().ok()).is_some_and(|(a, b)| a.starts_with(b));
+        match &self.stored {
+            Some((name, _)) if inside => {
+                let message =
+                    format!("{}: lies in a version of {name} in the library, which would change; give --out another name", path.display());
+                Err(CliError::Other(message))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A model by its name in the library, or by a path. A name that the library has means its object.
 pub fn model(text: &str, places: &Places) -> Result<Given, CliError> {
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
-    let by_path = |model: Result<ObjectModel, _>| model.map(|model| Given { model, stored: None });
     let path = Path::new(text);
-    if path.is_file() {
-        return by_path(ObjectModel::read_urdf(path)).map_err(|e| other(&e));
-    }
-    if path.join(URDF_FILE).is_file() {
-        return by_path(ObjectModel::read(path)).map_err(|e| other(&e));
-    }
-    if path.is_dir() && text.contains(['/', '\\', '.']) {
-        return Err(CliError::Other(format!("{text}: has no {URDF_FILE}; name the URDF itself")));
-    }
+    let urdf = [path.to_owned(), path.join(URDF_FILE)].into_iter().find(|p| p.is_file());
     if text.contains(['/', '\\', '.']) {
-        return Err(CliError::Other(format!(
-            "{text}: there is no such file; MODEL is a URDF, a folder with an {URDF_FILE}, or an object's name"
-        )));
+        return match urdf {
+            Some(urdf) => Given::by_path(urdf),
+            None if path.is_dir() => Err(CliError::Other(format!("{text}: has no {URDF_FILE}; name the URDF itself"))),
+            None => Err(CliError::Other(format!(
+                "{text}: there is no such file{}; MODEL is a URDF, a folder with an {URDF_FILE}, or an object's name",
+                meant(path)
+            ))),
+        };
     }
-    let library = place::library(places, None)?;
+    let library = match (place::library(places, None), urdf.clone()) {
+        (Ok(library), _) => library,
+        (Err(_), Some(urdf)) if places.models.is_none() => return Given::by_path(urdf),
+        (Err(e), _) => {
+            return Err(CliError::Other(format!("'{text}' names no file or folder with an {URDF_FILE} here{}, and {e}", meant(path))));
+        }
+    };
+    let is_known = library.names().map_err(|e| other(&e))?.iter().any(|name| name == text);
+    if let (false, Some(urdf)) = (is_known, urdf.clone()) {
+        return Given::by_path(urdf);
+    }
     let stored = library.get(text).map_err(|e| other(&e))?;
-    Ok(Given { model: stored.model.as_ref().clone(), stored: Some((text.to_owned(), stored.version.to_string())) })
+    let notes = urdf.map(|urdf| {
+        format!("{text}: the library's object is taken, version {}; {} is here, too: ./{text} names it", stored.version, urdf.display())
+    });
+    let model = stored.model.as_ref().clone();
+    Ok(Given {
+        urdf: model.folder.join(URDF_FILE),
+        model,
+        notes: notes.into_iter().collect(),
+        stored: Some((text.to_owned(), stored.version.to_string())),
+    })
+}
+
+/// What was probably meant by a path that is not there: a neighbour of the first part of it that is missing.
+fn meant(path: &Path) -> String {
+    let Some(missing) = path.ancestors().take_while(|a| !a.as_os_str().is_empty() && !a.exists()).last() else { return String::new() };
+    let folder = missing.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| e.ok()?.file_name().into_string().ok());
+    let (name, beside) = (missing.file_name().and_then(|n| n.to_str()).unwrap_or_default(), entries.collect::<Vec<_>>());
+    let found = nearest(name, beside.iter().map(String::as_str));
+    found.map(|found| format!(" (did you mean '{}'?)", missing.with_file_name(found).display())).unwrap_or_default()
+}
+
+/// What numbers in recordings are measured in, as far as somebody said so.
+#[derive(Clone, Copy)]
+pub struct Units {
+    pub angles: Option<Angles>,
+    pub lengths: Option<Lengths>,
 }
 
 /// The recordings of a model.
-pub fn logs(paths: &[PathBuf], model: &ObjectModel, angles: Option<Angles>) -> Result<Vec<Log>, RecordingError> {
-    let angles = match angles {
+pub fn logs(paths: &[PathBuf], model: &ObjectModel, units: Units) -> Result<Vec<Log>, RecordingError> {
+    let angles = match units.angles {
         None => sagci_recording::Angles::Ask,
         Some(Angles::Rad) => sagci_recording::Angles::Radians,
         Some(Angles::Deg) => sagci_recording::Angles::Degrees,
     };
-    sagci_recording::read_with(paths, Some(model), &sagci_recording::Options { angles })
+    let lengths = match units.lengths {
+        None => sagci_recording::Lengths::Ask,
+        Some(Lengths::M) => sagci_recording::Lengths::Metres,
+        Some(Lengths::Mm) => sagci_recording::Lengths::Millimetres,
+    };
+    sagci_recording::read_with(paths, Some(model), &sagci_recording::Options { angles, lengths })
 }
+
+/// Files of an answer in its folder.
+const FILES: [&str; 5] = ["gap.json", "report.html", "model.urdf", DOCUMENT_FILE, "residual.safetensors"];
 
 /// `sagci gap`.
 pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
-    let Given { model: given, stored } = model(&arguments.model, &arguments.places)?;
+    let given = model(&arguments.model, &arguments.places)?;
+    let read = [output::recordings(&arguments.data), output::recordings(&arguments.held_out), given.files()].concat();
+    let Given { model: given, stored, mut notes, .. } = given;
     // What cannot be done is said before the work.
     if arguments.apply && stored.is_none() {
         return Err(CliError::Other(format!(
@@ -73,6 +150,8 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         )));
     }
     if let Some(folder) = &arguments.out {
+        let written: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
+        output::spare(&written, read.iter().map(PathBuf::as_path))?;
         check_folder(folder, &given)?;
     }
     let unreadable = |e: RecordingError| CliError::Other(e.to_string());
@@ -85,9 +164,9 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         return Err(CliError::Other(message));
     }
     let mut data = arguments.data.clone();
-    let mut train = logs(&data, &given, arguments.angles).map_err(unreadable)?;
-    let mut notes = Vec::new();
-    let held_out = match logs(&arguments.held_out, &given, arguments.angles) {
+    let units = Units { angles: arguments.angles, lengths: arguments.lengths };
+    let mut train = logs(&data, &given, units).map_err(unreadable)?;
+    let held_out = match logs(&arguments.held_out, &given, units) {
         _ if arguments.held_out.is_empty() => Vec::new(),
         // Data in which nothing moves confirm nothing and deny nothing.
         Err(RecordingError::Still { place, .. }) => {
@@ -96,6 +175,7 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         }
         read => read.map_err(unreadable)?,
     };
+    let _room = arguments.out.as_ref().map(|folder| output::folder(folder, &FILES)).transpose()?;
     let progress = |text: &str| eprintln!("{text} ...");
     let options = Options { window: arguments.window, seed: arguments.seed, progress: Some(&progress), ..Options::default() };
     let mut found = find(&given, &train, &held_out, &options).map_err(wrong)?;
@@ -108,7 +188,7 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
             break;
         }
         data.extend(done.recordings);
-        train = logs(&data, &given, arguments.angles).map_err(unreadable)?;
+        train = logs(&data, &given, units).map_err(unreadable)?;
         found = find(&given, &train, &held_out, &options).map_err(wrong)?;
     }
     found.report.notes.extend(notes);
@@ -116,8 +196,9 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
         found.report.model = folder.join("model.urdf").display().to_string();
     }
     if let Some(next) = found.report.next_experiment.take() {
-        let list = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" ");
-        found.report.next_experiment = Some(next.goes_on(&arguments.model, &list(&data), &list(&arguments.held_out)));
+        let list = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>();
+        let command = next.goes_on(&arguments.model, &list(&data), &list(&arguments.held_out), &options_of(arguments));
+        found.report.next_experiment = Some(command);
     }
     // The answer is told also where it could not be published.
     let published = match &stored {
@@ -130,7 +211,8 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
             let path = folder.join(name);
             std::fs::write(&path, text).map_err(|source| CliError::File { path, source })
         };
-        std::fs::create_dir_all(folder).map_err(|source| CliError::File { path: folder.clone(), source })?;
+        // The first one, since it says whose the others are.
+        write("gap.json", &json)?;
         found.model.write_as(folder, "model.urdf").map_err(|e| CliError::Other(e.to_string()))?;
         if let Some(residual) = &found.residual {
             let bytes = residual.to_bytes().map_err(|e| CliError::Other(e.to_string()))?;
@@ -138,13 +220,24 @@ pub fn gap(arguments: &Gap) -> Result<bool, CliError> {
             std::fs::write(&path, bytes).map_err(|source| CliError::File { path, source })?;
         }
         write("report.html", &page(&given.name, &found))?;
-        write("gap.json", &json)?;
     }
     match arguments.format {
         Format::Json => print(&json),
         Format::Text => print(&text(&found.report)),
     }
     published.map(|()| true)
+}
+
+/// What makes the same of other data: options that are not as they are by themselves.
+fn options_of(arguments: &Gap) -> Vec<String> {
+    let usual = Options::default();
+    let angles = arguments.angles.map(|a| if a == Angles::Deg { "deg" } else { "rad" }.to_owned());
+    let lengths = arguments.lengths.map(|l| if l == Lengths::Mm { "mm" } else { "m" }.to_owned());
+    let window = (arguments.window != usual.window).then(|| arguments.window.to_string());
+    let seed = (arguments.seed != usual.seed).then(|| arguments.seed.to_string());
+    let models = arguments.places.models.as_ref().map(|m| m.display().to_string());
+    let all = [("--models", models), ("--angles", angles), ("--lengths", lengths), ("--window", window), ("--seed", seed)];
+    all.into_iter().filter_map(|(name, value)| Some([name.to_owned(), value?])).flatten().collect()
 }
 
 /// Experiments that are done for one answer, at the most.
@@ -206,18 +299,32 @@ fn json(report: &Report) -> Result<String, CliError> {
     serde_json::to_string_pretty(report).map(|text| text + "\n").map_err(|e| CliError::Other(e.to_string()))
 }
 
-/// A model.yaml that this command did not write is never written over: the given model's own least of all.
+/// A model or a page that this command did not write is never written over: the given model's own least of all.
 fn check_folder(folder: &Path, given: &ObjectModel) -> Result<(), CliError> {
     let same = |a: &Path, b: &Path| a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b);
     let own = if given.folder.as_os_str().is_empty() { Path::new(".") } else { &given.folder };
-    if same(folder, own) || folder.join(DOCUMENT_FILE).is_file() && !folder.join("gap.json").is_file() {
-        let message = format!("{}: holds another model, which would be written over; give --out a new folder", folder.display());
-        return Err(CliError::Other(message));
+    let refuse =
+        |what: String| Err(CliError::Other(format!("{}: {what}, which would be written over; give --out a new folder", folder.display())));
+    if same(folder, own) {
+        return refuse("holds the given model".into());
     }
     if folder.exists() && !folder.is_dir() {
         return Err(CliError::Other(format!("{}: is a file; --out takes a folder", folder.display())));
     }
-    Ok(())
+    // Another URDF would get the written model.yaml beside it.
+    let is_anothers = |name: &String| FILES.contains(&name.as_str()) || name.to_lowercase().ends_with(".urdf");
+    let mut inside: Vec<String> =
+        std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
+    inside.sort();
+    match inside.into_iter().find(is_anothers) {
+        Some(name) if !is_answer(&folder.join("gap.json")) => refuse(format!("holds a {name} that this command did not write")),
+        _ => Ok(()),
+    }
+}
+
+fn is_answer(path: &Path) -> bool {
+    let document = std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    document.is_some_and(|d| d["schema"].is_u64() && d["verdict"].is_string() && d["gap"].is_object())
 }
 
 /// Publishes what was found, and says in the report what became of it.
