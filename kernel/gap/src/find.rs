@@ -13,13 +13,14 @@ use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
 use crate::gaps::{Measure, gaps};
+use crate::locked::Locked;
 use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
-use crate::trajectory::{Trajectory, going_on};
+use crate::trajectory::{Trajectory, check_sampling, going_on};
 use crate::unseen::set_aside;
 use crate::weigh::{CONVINCING, MATERIAL};
 
@@ -86,8 +87,14 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     notes.retain(|n| said.insert(n.clone()));
     let (train, held_out) = (going_on(train), going_on(held_out));
     let (train, held_out) = set_aside(&train, &held_out, &mut notes);
+    let all: Vec<&Log> = train.iter().chain(&held_out).copied().collect();
+    all.iter().try_for_each(|log| check_sampling(log, model, options.window))?;
+    let locked = Locked::new(model, &all)?;
+    notes.extend(locked.notes.iter().cloned());
+    let model = &locked.model;
     let trajectories: Vec<Trajectory> = train.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
+    notes.extend(trajectories.iter().chain(&unseen).flat_map(|t| t.notes.iter().cloned()));
     let mut search = Search::new(model, &trajectories)?;
     search.check_motion(&mut notes)?;
 
@@ -269,6 +276,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
         });
     }
+    let mut found = locked.freed(found);
     found.state_in_urdf();
     let refused = |(name, gain): &(&str, f64)| Reason {
         name: (*name).into(),

@@ -7,17 +7,20 @@ use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
 use crate::GapError;
+use crate::locked::Locked;
 use crate::noise;
 use crate::search::{FLOOR, STEP, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::Smoothed;
 
 /// CSV with the columns `time,window` and for each joint `JOINT.position,JOINT.velocity,JOINT.measured_position`; a row for each
-/// sample that a window predicts. Windows are those of the gap: each starts half a window after the one before.
+/// sample that a window predicts. A joint that stands in all of the data, or is not measured, has none. Windows are those of the gap: each starts half a window after the one before.
 ///
 /// # Errors
 /// As [`crate::find`].
 pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String, GapError> {
+    let locked = Locked::new(model, &logs.iter().collect::<Vec<_>>())?;
+    let model = &locked.model;
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let search = Search::new(model, &trajectories)?;
     let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
@@ -52,6 +55,8 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
 /// # Errors
 /// As [`crate::find`].
 pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
+    let locked = Locked::new(model, &logs.iter().collect::<Vec<_>>())?;
+    let model = &locked.model;
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let search = Search::new(model, &trajectories)?;
     let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
