@@ -96,6 +96,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let unseen: Vec<Trajectory> = held_out.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     notes.extend(trajectories.iter().chain(&unseen).flat_map(|t| t.notes.iter().cloned()));
     let mut search = Search::new(model, &trajectories)?;
+    let still = search.names.iter().zip(&search.still).filter(|(_, still)| **still);
+    notes.extend(still.map(|(name, _)| format!("{name}: stands in each recording, if elsewhere in others; nothing is looked for on it")));
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");

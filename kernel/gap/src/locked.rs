@@ -24,8 +24,20 @@ impl<'a> Locked<'a> {
     /// Fixes what does not move in any of the recordings.
     ///
     /// # Errors
-    /// Nothing moves; a joint that moves is not measured in one of the recordings.
+    /// As [`Self::unmeasured`]; nothing moves; a joint that moves is not measured in one of the recordings.
     pub fn new(given: &'a ObjectModel, logs: &[&Log]) -> Result<Self, GapError> {
+        Self::without(given, logs, true)
+    }
+
+    /// Fixes what none of the recordings measures. A joint that stands is free: a model that moves it is off.
+    ///
+    /// # Errors
+    /// No joint is measured; one of the recordings does not measure a joint that others do.
+    pub fn unmeasured(given: &'a ObjectModel, logs: &[&Log]) -> Result<Self, GapError> {
+        Self::without(given, logs, false)
+    }
+
+    fn without(given: &'a ObjectModel, logs: &[&Log], holds_still: bool) -> Result<Self, GapError> {
         let mut this = Self { given, model: given.clone(), names: Vec::new(), notes: Vec::new() };
         let mut is_any_measured = false;
         let moving: Vec<usize> = given.moving_joints().collect();
@@ -35,10 +47,11 @@ impl<'a> Locked<'a> {
             let mut seen: Vec<f64> = logs.iter().filter_map(|l| measured(l, &joint.name)).flat_map(|p| p.value.iter().copied()).collect();
             is_any_measured |= !seen.is_empty();
             let all = Series { time: Vec::new(), value: seen.clone() };
-            if !seen.is_empty() && (all.moves() || logs.iter().filter_map(|l| measured(l, &joint.name)).any(Series::moves)) {
+            let moves = || all.moves() || logs.iter().filter_map(|l| measured(l, &joint.name)).any(Series::moves);
+            if !seen.is_empty() && (!holds_still || moves()) {
                 if let Some(log) = logs.iter().find(|l| measured(l, &joint.name).is_none()) {
                     let message = format!(
-                        "does not measure the joint '{}', which moves in other recordings: where it was nobody knows; leave this recording \
+                        "does not measure the joint '{}', which other recordings do: where it was nobody knows; leave this recording \
                          out, or look at it alone",
                         joint.name
                     );
@@ -157,6 +170,15 @@ mod tests {
         assert!(locked.notes.iter().any(|n| n.contains("slide") && n.contains("0.2000 m")), "{:?}", locked.notes);
         let kinds = |m: &ObjectModel| m.joints.iter().map(|j| (j.kind, j.X_PJ, j.mimic.is_some())).collect::<Vec<_>>();
         assert_eq!(kinds(&locked.freed(locked.model.clone())), kinds(&model));
+    }
+
+    /// Whether a model moves what stands is what its error asks.
+    #[test]
+    fn a_joint_that_stands_is_free_where_nothing_is_fitted() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = two(folder.path());
+        let log = log(&[("turn", &|t| 0.5 + 0.3 * t.sin()), ("slide", &|_| 0.2)]);
+        assert_eq!(Locked::unmeasured(&model, &[&log]).unwrap().model.moving_joints().count(), 2);
     }
 
     #[test]

@@ -55,7 +55,7 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<String,
 /// # Errors
 /// As [`crate::find`].
 pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
-    let locked = Locked::new(model, &logs.iter().collect::<Vec<_>>())?;
+    let locked = Locked::unmeasured(model, &logs.iter().collect::<Vec<_>>())?;
     let model = &locked.model;
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     let search = Search::new(model, &trajectories)?;
