@@ -151,9 +151,9 @@ impl<'a> Climb<'a> {
         turn.extend(likeliest.iter().take(others).filter_map(|l| {
             candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
         }));
-        let mut found = None;
+        let (mut found, mut asked) = (None, false);
         for i in turn {
-            found = self.is_there(&candidates[i], here, ascent)?.map(|(settled, small)| (i, settled, small));
+            found = self.is_there(&candidates[i], here, ascent, &mut asked)?.map(|(settled, small)| (i, settled, small));
             if found.is_some() {
                 break;
             }
@@ -192,8 +192,9 @@ impl<'a> Climb<'a> {
         Ok(true)
     }
 
-    /// A candidate fitted to its own end, if it is there, and whether its force is too small for a second name.
-    fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>) -> Result<Option<(Fit, bool)>, GapError> {
+    /// A candidate fitted to its own end, if it is there, and whether its force is too small for a second name. `asked` says whether another was
+    /// looked for beside one of its rivals: that is a search of its own, and made for each of them most of the work on data that no model fits.
+    fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>, asked: &mut bool) -> Result<Option<(Fit, bool)>, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let (search, scale, current) = (&self.search, self.scale, &self.current);
         let gain = candidate.evidence - here;
@@ -209,9 +210,11 @@ impl<'a> Climb<'a> {
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = search.settle(&candidate.fit, scale);
         let together = search.force_between(current, &settled)?;
-        let there = shows(&candidate.fit, force)?
-            || shows(&settled, together)?
-            || gain > SURE && force > MATERIAL && !search.many_joints() && self.shows_with_another(&settled, ascent)?;
+        let mut there = shows(&candidate.fit, force)? || shows(&settled, together)?;
+        if !there && !*asked && gain > SURE && force > MATERIAL && !search.many_joints() {
+            *asked = true;
+            there = self.shows_with_another(&settled, ascent)?;
+        }
         let small = !self.chosen.is_empty() && force < MATERIAL && together < MATERIAL;
         Ok(there.then_some((settled, small)))
     }

@@ -451,9 +451,11 @@ fn perform(
         effort: vec![f64::NAN; rows * n],
         input: vec![0.0; rows * n],
         drive,
+        external: Vec::new(),
         starts: vec![0],
         continues: false,
         joints: n,
+        notes: Vec::new(),
     };
     // All joints but one are held where the data mostly were.
     let rooms: Vec<Room> = (0..n).map(|j| if j == joint { *room } else { search.room(model, j) }).collect();

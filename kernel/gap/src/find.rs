@@ -13,13 +13,14 @@ use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
 use crate::gaps::{Measure, gaps};
+use crate::locked::Locked;
 use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
-use crate::trajectory::{Trajectory, going_on};
+use crate::trajectory::{Trajectory, check_sampling, going_on};
 use crate::unseen::{apart, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
 use crate::{unheeded, windows};
@@ -84,6 +85,11 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     apart(train, held_out)?;
     let mut notes = unheeded::notes(train.iter().chain(held_out), model);
     let (all, held_out) = (going_on(train), going_on(held_out));
+    let every: Vec<&Log> = all.iter().chain(&held_out).collect();
+    every.iter().try_for_each(|log| check_sampling(log, model, options.window))?;
+    let locked = Locked::new(model, &every)?;
+    notes.extend(locked.notes.iter().cloned());
+    let model = &locked.model;
     let on_grid = |logs: &[&Log]| logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<Vec<_>, GapError>>();
     let (mut train, mut unseen_logs) = set_aside(&all, &held_out, &mut notes);
     let (mut trajectories, mut unseen) = (on_grid(&train)?, on_grid(&unseen_logs)?);
@@ -101,7 +107,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         windows::say_without(data, options.window, &mut notes);
     }
     let held_out = unseen_logs;
+    notes.extend(trajectories.iter().chain(&unseen).flat_map(|t| t.notes.iter().cloned()));
     let mut search = Search::beside(model, &trajectories, &unseen, &mut notes)?;
+    let still = search.names.iter().zip(&search.still).filter(|(_, still)| **still);
+    notes.extend(still.map(|(name, _)| format!("{name}: stands in each recording, if elsewhere in others; nothing is looked for on it")));
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");
@@ -282,6 +291,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
         });
     }
+    let mut found = locked.freed(found);
     found.state_in_urdf();
     let refused = |(name, gain): &(&str, f64)| Reason {
         name: (*name).into(),

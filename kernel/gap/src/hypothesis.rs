@@ -258,8 +258,12 @@ impl Hypothesis {
                 Knob::Effect(e, "rest_position") if entries[e].effect == "cable_hysteresis" => (range[0] - way, range[1] + way),
                 _ => continue,
             };
-            fitted.bounds = [least.clamp(low, high), most.clamp(low, high)];
-            *x = x.clamp(fitted.bounds[0], fitted.bounds[1]);
+            // A joint that was nowhere, or in one place, confines nothing.
+            let [least, most] = [least.max(low).min(high), most.min(high).max(low)];
+            if least <= most {
+                fitted.bounds = [least, most];
+                *x = x.max(least).min(most);
+            }
         }
         self
     }

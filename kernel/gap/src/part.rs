@@ -61,7 +61,7 @@ impl Search<'_> {
 
     /// The same search over other data of the same model.
     pub fn over<'b>(&self, trajectories: &'b [Trajectory]) -> Search<'b> {
-        let Self { problem, names, joints, inertias, seen, jitter, mobility, .. } = self;
+        let Self { problem, names, joints, inertias, seen, still, jitter, mobility, .. } = self;
         let problem = Problem {
             trajectories,
             disturbance: problem.disturbance.clone(),
@@ -80,6 +80,7 @@ impl Search<'_> {
             joints: joints.clone(),
             inertias: inertias.clone(),
             seen: seen.clone(),
+            still: still.clone(),
             jitter: jitter.clone(),
             mobility: mobility.clone(),
             memory: Memory::default(),

@@ -1,10 +1,10 @@
 //! The model under test, driven by what was measured.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Unit, Vector3, Vector6};
 use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
-use sagci_dynamics::{Input, Part, State, StepWorkspace, System};
-use sagci_model::{ActuatorLaw, EffectEntry, ObjectModel};
+use sagci_dynamics::{DynamicsError, ExternalWrench, Input, Part, State, StepWorkspace, System};
+use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
@@ -17,6 +17,7 @@ use crate::trajectory::{Drive, Trajectory};
 pub(crate) struct Plant {
     pub system: System,
     laws: Vec<Option<ActuatorLaw>>,
+    ends: Vec<Ends>,
     /// Does a sensor of the joint read other than what is?
     misread: Vec<bool>,
     /// How late the only joint's measurements are stamped, s: by their stamps, what drives it acts so much later.
@@ -35,6 +36,16 @@ pub(crate) struct Plant {
     /// Where steps have no order by which they are extrapolated they lose it by degrees, and not at once: errors change smoothly with what is
     /// fitted, as intervals ask.
     pub smooth: bool,
+}
+
+/// What a force along a joint acts between.
+#[derive(Debug, Clone)]
+struct Ends {
+    parent: String,
+    child: String,
+    /// In the child's frame.
+    axis: Unit<Vector3<f64>>,
+    slides: bool,
 }
 
 /// Share of the time of a drive's loop that a step may take, and the shortest step, s.
@@ -60,6 +71,8 @@ pub(crate) struct Motion {
     pub state: State,
     pub ws: StepWorkspace,
     tau: Vec<f64>,
+    /// Forces from outside in a step.
+    external: Vec<ExternalWrench>,
     /// Efforts behind what happens to commands, at the beginning of the interval.
     delivered: Vec<f64>,
     /// The state that a piece of an interval begins with, and those at the ends of the two ways over it.
@@ -199,6 +212,13 @@ impl Plant {
         }
         let law = |i: &usize| model.document.actuators.iter().find(|a| a.joint == model.joints[*i].name).map(|a| a.law.clone());
         let laws = moving.iter().map(law).collect();
+        let ends = moving.iter().map(|i| {
+            let joint = &model.joints[*i];
+            let name = |link: usize| model.links[link].name.clone();
+            let slides = joint.kind == JointKind::Prismatic;
+            Ends { parent: name(joint.parent), child: name(joint.child), axis: joint.axis, slides }
+        });
+        let ends = ends.collect();
         let apart = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Command(_) | Acts::Base));
         let mut bare = model.clone();
         bare.document.effects.retain(|e| !apart(e));
@@ -217,7 +237,7 @@ impl Plant {
         let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
         let mut this =
-            Self { system, laws, misread, skew, behind_drives, late, accelerates: Vec::new(), step, rough: false, smooth: false };
+            Self { system, laws, ends, misread, skew, behind_drives, late, accelerates: Vec::new(), step, rough: false, smooth: false };
         let (n, inverse) = (moving.len(), this.inverse_mass_at(&this.system.state().q));
         this.accelerates = (0..n).map(|j| inverse[j * n + j]).collect();
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
@@ -283,6 +303,7 @@ impl Plant {
             state,
             ws: self.system.workspace(),
             tau: vec![0.0; n],
+            external: Vec::new(),
             delivered: vec![0.0; n],
             begin: kept.clone(),
             coarse: kept.clone(),
@@ -447,10 +468,29 @@ impl Plant {
                 }
             }
             let begins = step == 0 && motion.state.time == trajectory.time[k];
-            self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &[] }, h)?;
+            if !trajectory.external.is_empty() {
+                self.push(motion, &trajectory.external[k * n..(k + 1) * n])?;
+            }
+            self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &motion.external }, h)?;
             if begins {
                 motion.delivered.copy_from_slice(motion.ws.reached());
             }
+        }
+        Ok(())
+    }
+
+    /// Sets forces from outside that are so large along each joint: pairs on the links at its two ends, which are no force on any other joint.
+    /// What happens to commands does not happen to them.
+    fn push(&self, motion: &mut Motion, efforts: &[f64]) -> Result<(), DynamicsError> {
+        let multibody = self.system.multibody();
+        multibody.set_state(motion.ws.rigid(), &motion.state.q, &motion.state.v)?;
+        motion.external.clear();
+        for (ends, effort) in self.ends.iter().zip(efforts).filter(|(_, effort)| **effort != 0.0) {
+            let (parent, child) = (multibody.link(&ends.parent)?, multibody.link(&ends.child)?);
+            let along_W = multibody.X_WL(motion.ws.rigid(), child) * (*effort * ends.axis.into_inner());
+            let mut F_W = Vector6::zeros();
+            F_W.fixed_rows_mut::<3>(if ends.slides { 3 } else { 0 }).copy_from(&along_W);
+            motion.external.extend([ExternalWrench { link: child, F_W }, ExternalWrench { link: parent, F_W: -F_W }]);
         }
         Ok(())
     }

@@ -171,3 +171,36 @@ fn bodies_that_were_led_to_the_end_of_their_tolerance_are_begun_as_given_too() {
     assert_eq!(given.x[mass], 0.0);
     assert_eq!(given.x[damping], known.x[damping]);
 }
+
+/// Half of each joint's effort by its drive and half from outside move an arm as all of it by its drives does: what pushes one joint pushes no
+/// other. A drive that gives twice what it is told doubles its own half alone.
+#[test]
+fn a_force_from_outside_pushes_its_joint_behind_the_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = double_pendulum(folder.path());
+    let whole = [0.4, -0.2];
+    let end = |model: &ObjectModel, shares: [f64; 2]| {
+        let plant = Plant::new(model, &[crate::stops::OPEN; 2], 2.5e-4).unwrap();
+        let mut motion = plant.motion();
+        let drive = vec![Drive::Command(sagci_recording::CommandKind::Effort); 2];
+        let mut trajectory = Trajectory::steady(101, PERIOD, &whole.map(|u| shares[0] * u), drive);
+        if shares[1] != 0.0 {
+            trajectory.external = whole.map(|u| shares[1] * u).repeat(101);
+        }
+        (0..100).for_each(|k| plant.interval(&mut motion, &trajectory, k).unwrap());
+        motion.state.q.clone()
+    };
+    let near = |a: Vec<f64>, b: Vec<f64>| assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-9), "{a:?} {b:?}");
+    near(end(&model, [0.5, 0.5]), end(&model, [1.0, 0.0]));
+    let mut strong = model.clone();
+    for joint in ["shoulder", "elbow"] {
+        let parameters = [("gain_error".to_owned(), -1.0)].into();
+        strong.document.effects.push(sagci_model::EffectEntry {
+            effect: "torque_gain".into(),
+            joint: Some(joint.into()),
+            parameters,
+            ..Default::default()
+        });
+    }
+    near(end(&strong, [0.25, 0.5]), end(&model, [1.0, 0.0]));
+}

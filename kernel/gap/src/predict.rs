@@ -7,6 +7,7 @@ use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
 use crate::GapError;
+use crate::locked::Locked;
 use crate::search::{FLOOR, STEP, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::{self, Smoothed};
@@ -22,13 +23,17 @@ pub struct Predicted {
 }
 
 /// CSV with the columns `time,window` and for each joint `JOINT.position,JOINT.velocity,JOINT.measured_position`; a row for each
-/// sample that a window predicts, at the recording's own time. Windows are those of the gap: each starts half a window after the one before.
+/// sample that a window predicts, at the recording's own time. A joint that stands in all of the data, or is not measured, has none. Windows
+/// are those of the gap: each starts half a window after the one before.
 ///
 /// # Errors
 /// As [`crate::find`].
 pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<Predicted, GapError> {
     unheeded::check(model)?;
     let mut notes = unheeded::notes(logs.iter(), model);
+    let locked = Locked::new(model, &logs.iter().collect::<Vec<_>>())?;
+    notes.extend(locked.notes.iter().cloned());
+    let model = &locked.model;
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     windows::check(&trajectories, window)?;
     windows::say_without(&trajectories, window, &mut notes);
@@ -79,6 +84,8 @@ fn clock(time: f64, epoch: i64) -> String {
 /// # Errors
 /// As [`crate::find`].
 pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Result<BTreeMap<String, f64>, GapError> {
+    let locked = Locked::unmeasured(model, &logs.iter().collect::<Vec<_>>())?;
+    let model = &locked.model;
     let trajectories: Vec<Trajectory> = logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<_, _>>()?;
     if !trajectories.iter().any(|t| windows::has_any(t, window)) {
         windows::check(&trajectories, window)?;

@@ -150,7 +150,8 @@ impl Search<'_> {
                 let at = joint.unwrap_or(0);
                 let named = joint.map(|j| self.names[j].as_str());
                 let there = |e: &sagci_model::EffectEntry| e.effect == description.name && e.joint.as_deref() == named;
-                if !observable(description.name, self.seen[at])
+                if joint.is_some_and(|j| self.still[j])
+                    || !observable(description.name, self.seen[at])
                     || description.acts == Acts::Losses && !self.wears(base, at)
                     || base.hypothesis.model.document.effects.iter().any(there)
                 {

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use sagci_dynamics::effects;
 use sagci_model::ObjectModel;
+use sagci_recording::Series;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
@@ -38,6 +39,8 @@ pub(crate) struct Search<'a> {
     pub joints: Vec<usize>,
     pub inertias: Vec<f64>,
     pub seen: Vec<Seen>,
+    /// Joints that stand in each of the recordings, if not in the same place: nothing is looked for on them.
+    pub still: Vec<bool>,
     /// How much measured efforts change from row to row, as the standard deviation of a noise, by joint.
     pub jitter: Vec<f64>,
     /// How much efforts accelerate joints of the model as given, by columns.
@@ -111,7 +114,8 @@ impl<'a> Search<'a> {
             })
             .collect();
         let problem = Problem::new(trajectories, disturbance, &limits, STEP);
-        Ok(Self { mobility: problem.mobility(&given), problem, seen, names, joints, inertias, jitter, memory: Memory::default() })
+        let still = (0..n).map(|j| trajectories.iter().all(|t| !moves(t, j))).collect();
+        Ok(Self { mobility: problem.mobility(&given), problem, seen, still, names, joints, inertias, jitter, memory: Memory::default() })
     }
 
     /// The model as given, its known numbers refitted.
@@ -314,6 +318,11 @@ impl<'a> Search<'a> {
         }
         Ok(runs)
     }
+}
+
+/// Does a joint move by more than its noise?
+fn moves(trajectory: &Trajectory, joint: usize) -> bool {
+    Series { time: Vec::new(), value: trajectory.positions(joint).filter(|y| y.is_finite()).collect() }.moves()
 }
 
 /// Share of the joint's typical force below which gravity does not move it, and positions at which that is asked.

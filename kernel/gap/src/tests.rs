@@ -422,3 +422,32 @@ fn how_closely_a_motion_is_followed_is_sought_to_both_sides() {
     };
     assert!(off([1.0; 2]) > 10.0 && off(factors) < 2.0 && factors[0] < 4.0, "{} {} {factors:?}", off([1.0; 2]), off(factors));
 }
+
+/// A joint that was nowhere has no range between whose ends anything lies.
+#[test]
+fn what_was_nowhere_confines_nothing() {
+    let base = Hypothesis::known(&door(), &[]);
+    for (effect, values) in [("cable_hysteresis", vec![0.1, 0.2, 0.5, 0.1]), ("torque_ripple", vec![0.1, 5.0, 0.0])] {
+        let description = effects::find(effect).unwrap().description();
+        let values: Vec<f64> = (0..description.parameters.len()).map(|i| values.get(i).copied().unwrap_or(0.1)).collect();
+        let hypothesis = base.with(effect, Some("hinge"), &values).unwrap();
+        for range in [[f64::MAX, f64::MIN], [0.3, 0.3], [f64::NAN, f64::NAN]] {
+            let confined = hypothesis.clone().confined(0, range, range[1] - range[0]);
+            for (fitted, x) in confined.fitted.iter().zip(&confined.x) {
+                assert!(fitted.bounds[0] <= *x && *x <= fitted.bounds[1], "{effect} over {range:?}: {fitted:?} at {x}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_recording_with_a_few_samples_in_a_window_is_sent_back() {
+    let mut log = swing(&door(), 1e-4, 1);
+    crate::trajectory::check_sampling(&log, &door(), 0.25).unwrap();
+    let stretched = |log: &mut Log, by: f64| log.joints[0].position.time.iter_mut().for_each(|t| *t *= by);
+    stretched(&mut log, 20.0);
+    crate::trajectory::check_sampling(&log, &door(), 1.0).unwrap();
+    stretched(&mut log, 50.0);
+    let error = crate::find(&door(), &[log], &[], &crate::Options::default()).unwrap_err().to_string();
+    assert!(error.contains("too coarsely") && error.contains("5.0000 s") && error.contains("in ms"), "{error}");
+}

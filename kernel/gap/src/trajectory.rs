@@ -3,20 +3,23 @@
 //! The grid holds every time at which something was measured or an input changed, so that inputs are held exactly: that of row `k`
 //! acts from `t_k` until `t_k+1`.
 
-use sagci_model::{ActuatorLaw, ObjectModel};
+use sagci_model::ObjectModel;
 use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::GapError;
+use crate::inputs::{Inputs, followed, law_of};
 use crate::noise;
 use crate::plant::Plant;
 
 /// Times closer than this are one, s.
-const SAME_TIME: f64 = 1e-6;
+pub(crate) const SAME_TIME: f64 = 1e-6;
 /// Free motion is averaged to about this period, s.
 const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 const CUT: (f64, f64) = (10.0, 0.1);
 
+/// Fewer samples in a window do not tell how a joint moves there.
+const LEAST_IN_WINDOW: usize = 10;
 /// By whose multiples stretches are chosen.
 const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
@@ -57,6 +60,29 @@ fn was_brought(before: &Log, after: &Log) -> bool {
     })
 }
 
+/// Are there samples enough in a window?
+///
+/// # Errors
+/// There are not.
+pub(crate) fn check_sampling(log: &Log, model: &ObjectModel, window: f64) -> Result<(), GapError> {
+    let usual = |series: &Series| {
+        let mut steps: Vec<f64> = series.time.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.get(steps.len() / 2).copied()
+    };
+    let moving = model.moving_joints().filter_map(|i| log.joint(&model.joints[i].name));
+    let Some(period) = moving.filter_map(|j| usual(&j.position)).reduce(f64::max) else { return Ok(()) };
+    if window / period > LEAST_IN_WINDOW as f64 - 0.5 {
+        return Ok(());
+    }
+    let message = format!(
+        "is sampled too coarsely: one position each {period:.4} s, and a window of {window} s needs at least {LEAST_IN_WINDOW}. Record at \
+         {:.0} Hz or more, or ask for longer windows (`--window`); are times in ms? Then give them in s",
+        LEAST_IN_WINDOW as f64 / window
+    );
+    Err(GapError::data(&log.source, message))
+}
+
 /// What moves a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Drive {
@@ -90,21 +116,15 @@ pub(crate) struct Trajectory {
     /// What acts until the next time; NaN where a motor's circuit is open.
     pub input: Vec<f64>,
     pub drive: Vec<Drive>,
+    /// What acts besides on joints that a command drives, until the next time, N m or N; empty where nothing does.
+    pub external: Vec<f64>,
     /// Rows at which it starts anew, the first among them.
     pub starts: Vec<usize>,
     /// It goes on where the one before it ends.
     pub continues: bool,
     pub joints: usize,
-}
-
-/// Does a drive take such commands? A joint without a law is driven by efforts.
-pub(crate) fn taken(kind: CommandKind, law: Option<&ActuatorLaw>) -> bool {
-    matches!(
-        (kind, law),
-        (CommandKind::Effort, None | Some(ActuatorLaw::Torque { .. }))
-            | (CommandKind::Position, Some(ActuatorLaw::PositionServo { .. } | ActuatorLaw::DcMotor { gain: Some(_), .. }))
-            | (CommandKind::Voltage, Some(ActuatorLaw::DcMotor { .. }))
-    )
+    /// What had to be done to its inputs.
+    pub notes: Vec<String>,
 }
 
 /// Names of the model's degrees of freedom.
@@ -129,7 +149,8 @@ pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> 
 impl Trajectory {
     /// Puts the series of a log on one grid.
     pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
-        let this = Self::all(log, model)?;
+        let Inputs { log, external, notes } = Inputs::new(log, model);
+        let this = Self { notes, ..Self::all(&log, &external, model)? };
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
@@ -141,7 +162,7 @@ impl Trajectory {
     /// Says which rows count and how much happens around each, under noise of positions by joint.
     pub fn weigh(&mut self, model: &ObjectModel, noises: &[f64]) -> Result<(), GapError> {
         let names = joint_names(model)?;
-        let law = |j: usize| model.document.actuators.iter().find(|a| a.joint == names[j]).map(|a| &a.law);
+        let law = |j: usize| law_of(model, &names[j]);
         self.counted = self.tested(noises, &self.stoppable(model)?);
         self.forget_starts();
         self.liveliness = self.by_row(noise::liveliness);
@@ -220,7 +241,7 @@ impl Trajectory {
         this
     }
 
-    fn all(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
+    fn all(log: &Log, outside: &[(String, Series)], model: &ObjectModel) -> Result<Self, GapError> {
         let names = joint_names(model)?;
         let n = names.len();
         let found: Vec<Option<&JointLog>> = names.iter().map(|name| log.joint(name)).collect();
@@ -231,24 +252,20 @@ impl Trajectory {
         let mut inputs: Vec<Option<&Series>> = vec![None; n];
         for (j, joint) in found.iter().enumerate() {
             let Some(joint) = joint else { continue };
-            let law = model.document.actuators.iter().find(|a| a.joint == joint.name).map(|a| &a.law);
-            let driven = match &joint.command {
-                Some((kind, series)) if taken(*kind, law) => Some((*kind, series)),
-                Some((kind, _)) if joint.effort.is_none() => {
-                    let (what, law) = match kind {
-                        CommandKind::Effort => ("efforts", "torque"),
-                        CommandKind::Position => ("positions", "position_servo"),
-                        CommandKind::Voltage => ("voltages", "dc_motor"),
-                    };
-                    let message = format!(
-                        "the joint '{}' is commanded {what}, and there is no measured effort: its drive's law is needed, as an entry under \
-                         `actuators` in model.yaml, such as `kind: {law}`",
-                        joint.name
-                    );
-                    return Err(GapError::data(&log.source, message));
-                }
-                _ => None,
-            };
+            let driven = followed(joint, law_of(model, &joint.name));
+            if let (None, None, Some((kind, _))) = (driven, &joint.effort, &joint.command) {
+                let (what, law) = match kind {
+                    CommandKind::Effort => ("efforts", "torque"),
+                    CommandKind::Position => ("positions", "position_servo"),
+                    CommandKind::Voltage => ("voltages", "dc_motor"),
+                };
+                let message = format!(
+                    "the joint '{}' is commanded {what}, and there is no measured effort: its drive's law is needed, as an entry under \
+                     `actuators` in model.yaml, such as `kind: {law}`",
+                    joint.name
+                );
+                return Err(GapError::data(&log.source, message));
+            }
             (drive[j], inputs[j]) = match (driven, &joint.effort) {
                 (Some((kind, series)), _) => (Drive::Command(kind), Some(series)),
                 (None, Some(series)) => (Drive::Effort, Some(series)),
@@ -258,7 +275,8 @@ impl Trajectory {
 
         let mut all: Vec<f64> = found.iter().flatten().flat_map(|j| j.position.time.iter().copied()).collect();
         let (first, last) = all.iter().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(*t), b.max(*t)));
-        all.extend(inputs.iter().flatten().flat_map(|s| s.time.iter().copied()).filter(|t| *t > first && *t < last));
+        let acts = inputs.iter().copied().flatten().chain(outside.iter().map(|(_, s)| s));
+        all.extend(acts.flat_map(|s| s.time.iter().copied()).filter(|t| *t > first && *t < last));
         all.sort_by(f64::total_cmp);
         all.dedup_by(|b, a| *b - *a < SAME_TIME);
         let time = all;
@@ -294,6 +312,14 @@ impl Trajectory {
                 };
             }
         }
+        let mut external = if outside.is_empty() { Vec::new() } else { vec![0.0; rows * n] };
+        for (name, series) in outside {
+            let Some(j) = names.iter().position(|n| n == name) else { continue };
+            for (i, t) in time.iter().enumerate() {
+                let last = series.time.partition_point(|x| *x <= t + SAME_TIME).saturating_sub(1);
+                external[i * n + j] = series.value.get(last).copied().unwrap_or(0.0);
+            }
+        }
         let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
         steps.sort_by(f64::total_cmp);
         let usual = steps[steps.len() / 2];
@@ -310,9 +336,11 @@ impl Trajectory {
             effort,
             input,
             drive,
+            external,
             starts,
             continues: log.continues,
             joints: n,
+            notes: Vec::new(),
         })
     }
 
@@ -342,9 +370,11 @@ impl Trajectory {
             effort: of(&self.effort),
             input: of(&self.input),
             drive: self.drive.clone(),
+            external: if self.external.is_empty() { Vec::new() } else { of(&self.external) },
             starts,
             continues: self.continues,
             joints: n,
+            notes: Vec::new(),
         };
         thinned.forget_starts();
         (thinned, rows)
@@ -385,9 +415,11 @@ impl Trajectory {
             effort: vec![f64::NAN; rows * joints],
             input: input.repeat(rows),
             drive,
+            external: Vec::new(),
             starts: vec![0],
             continues: false,
             joints,
+            notes: Vec::new(),
         }
     }
 

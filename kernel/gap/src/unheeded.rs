@@ -6,9 +6,9 @@ use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log};
 
 use crate::GapError;
+use crate::inputs::taken;
 use crate::plant::Plant;
 use crate::search::STEP;
-use crate::trajectory::taken;
 
 /// Notes of recordings, then those on what no fit uses; what holds for all of them is said once.
 pub(crate) fn notes<'a>(logs: impl Iterator<Item = &'a Log> + Clone, model: &ObjectModel) -> Vec<String> {

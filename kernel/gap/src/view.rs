@@ -167,7 +167,9 @@ impl Search<'_> {
     fn view(&self, base: &Fit, runs: &[Run], j: usize) -> JointView {
         let rows = self.lacking(&base.errors, runs, j);
         let rms = |i: usize| (rows.iter().map(|r| r[i] * r[i]).sum::<f64>() / rows.len().max(1) as f64).sqrt();
-        let (low, high) = rows.iter().fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
+        let reached = rows.iter().fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
+        // Of a joint that rests in all rows no place is known by a force.
+        let (low, high) = if rows.is_empty() { (0.0, 0.0) } else { reached };
         let model = &base.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
         let link = &model.links[joint.child].inertial;

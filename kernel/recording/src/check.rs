@@ -39,9 +39,11 @@ pub(crate) fn check(
         units(path, log, model, options)?;
     }
     let mut notes = Vec::new();
+    let pushed = |joint: &JointLog| model.is_some_and(|m| log.pushes(m, &joint.name));
+    let pushed: Vec<String> = log.joints.iter().filter(|j| pushed(j)).map(|j| j.name.clone()).collect();
     for joint in log.joints.iter_mut().filter(|j| model.is_none_or(|m| m.joint(&j.name).is_some())) {
         constants(joint, &mut notes);
-        inputs(joint, &mut notes);
+        inputs(joint, pushed.contains(&joint.name), &mut notes);
     }
     log.notes.append(&mut notes);
     Ok(())
@@ -71,6 +73,10 @@ fn names(path: &Path, log: &mut Log, model: &ObjectModel, is_chosen: bool) -> Re
         log.notes.push(Note { place: others.join(", "), message });
     }
     for wrench in &log.wrenches {
+        if model.link(&wrench.link).is_some() && !moving.iter().any(|joint| log.pushes(model, joint)) {
+            let message = "hangs on no joint that moves: the force measured there is not used".to_owned();
+            log.notes.push(Note { place: wrench.link.clone(), message });
+        }
         if model.link(&wrench.link).is_none() {
             let hint = did_you_mean(&wrench.link, model.links.iter().map(|l| l.name.as_str()));
             let message = format!("is no link of {}, and the force measured there is not used{hint}", model.name);
@@ -210,7 +216,7 @@ fn constants(joint: &mut JointLog, notes: &mut Vec<Note>) {
 }
 
 /// Says what can be found without an input, and whether the input acts while the motion is measured.
-fn inputs(joint: &JointLog, notes: &mut Vec<Note>) {
+fn inputs(joint: &JointLog, is_pushed: bool, notes: &mut Vec<Note>) {
     if joint.position.time.is_empty() {
         let message = "has no measured position; it cannot be compared with the model".to_owned();
         notes.push(Note { place: joint.name.clone(), message });
@@ -219,6 +225,11 @@ fn inputs(joint: &JointLog, notes: &mut Vec<Note>) {
     let range = |s: &Series| Some((*s.time.first()?, *s.time.last()?));
     let place = joint.name.clone();
     match (&joint.command, &joint.effort) {
+        (None, None) if is_pushed => {
+            let message = "has neither a command nor an effort of its own: the force measured at a link behind it drives the model, and effects \
+                           of its drive cannot be seen";
+            notes.push(Note { place, message: message.to_owned() });
+        }
         (None, None) => {
             let message = "has neither a command nor an effort: it is taken as moving freely. What resists or drives it by itself (friction, damping, \
                            springs, gravity, backlash) can still be found; effects of its drive cannot, nor the size of a push from outside";
@@ -274,7 +285,7 @@ pub(crate) fn moves(logs: &mut [Log], model: Option<&ObjectModel>) -> Result<(),
 
 /// Does a position change by more than its noise? The noise is that of second differences; means over twentieths of the recording have
 /// little of it left.
-fn is_moving(series: &Series) -> bool {
+pub(crate) fn is_moving(series: &Series) -> bool {
     let Some([least, most]) = extent(series) else { return false };
     let range = most - least;
     if !(NO_MOTION..=SMALL_MOTION).contains(&range) {

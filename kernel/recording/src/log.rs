@@ -11,6 +11,13 @@ pub struct Series {
     pub value: Vec<f64>,
 }
 
+impl Series {
+    /// Do its values change by more than their noise, which is that of neighbouring ones?
+    pub fn moves(&self) -> bool {
+        crate::check::is_moving(self)
+    }
+}
+
 /// What a command asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum CommandKind {
@@ -71,6 +78,9 @@ pub struct Log {
     pub joints: Vec<JointLog>,
     /// Forces at links.
     pub wrenches: Vec<WrenchLog>,
+    /// Its quantities were sampled row by row, as in a table: an empty cell is a sample that is missing. Else what was commanded is an event,
+    /// and holds until the next one.
+    pub is_table: bool,
     /// What was found wrong and set right.
     pub notes: Vec<Note>,
     /// Its times run on from the recording before it: heat and drift go on.
@@ -95,6 +105,21 @@ impl Log {
     /// The series of a joint.
     pub fn joint(&self, name: &str) -> Option<&JointLog> {
         self.joints.iter().find(|j| j.name == name)
+    }
+
+    /// Does a force that was measured at a link act on a joint of a model? It does on those between the link and the root.
+    pub fn pushes(&self, model: &ObjectModel, joint: &str) -> bool {
+        let Some(joint) = model.joint(joint) else { return false };
+        let hangs_on = |link: usize| {
+            let mut below = Some(link);
+            std::iter::from_fn(|| {
+                let above = model.joints.iter().position(|j| Some(j.child) == below)?;
+                below = Some(model.joints[above].parent);
+                Some(above)
+            })
+            .any(|above| above == joint)
+        };
+        self.wrenches.iter().filter(|w| !w.time.is_empty()).filter_map(|w| model.link(&w.link)).any(hangs_on)
     }
 
     /// Joints of a model that this recording has positions of.

@@ -90,7 +90,7 @@ pub fn read_with(paths: &[PathBuf], model: Option<&ObjectModel>, options: &Optio
     for (path, raw, hash) in raws {
         let (degrees, millimetres, is_chosen) = (raw.degrees, raw.millimetres, raw.is_chosen);
         let mut log = raw.settle(&path, epoch)?;
-        log.hash = hash;
+        (log.hash, log.is_table) = (hash, is_chosen);
         let angles = match degrees {
             Some(true) => Angles::Degrees,
             Some(false) => Angles::Radians,

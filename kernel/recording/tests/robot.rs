@@ -254,6 +254,25 @@ fn forces_are_read_at_their_links() {
     assert!(has_note(&log, &["dor", "no link of cabinet", "did you mean 'door'?"]), "{:?}", log.notes);
 }
 
+/// A joint that a force at a link drives does not move freely.
+#[test]
+fn a_force_at_a_link_is_what_drives_the_joints_before_it() {
+    let files = Files::new();
+    let read = |frame: &str| {
+        let mut bag = Bag::new(None);
+        for i in 0..50u64 {
+            let state = swing_state(i as usize);
+            bag.state("/joint_states", 0, &JointState { effort: Vec::new(), ..state });
+            bag.wrench("/ft_sensor", 0, &WrenchStamped { time: i * 10 * MS, frame: frame.into(), force: [1.0; 3], torque: [0.0; 3] });
+        }
+        files.read(bag.finish()).unwrap()
+    };
+    let (door, body) = (read("door"), read("body"));
+    let free = ["hinge", "neither a command nor an effort: it is taken as moving freely"];
+    assert!(has_note(&door, &["hinge", "force measured at a link behind it"]) && !has_note(&door, &free), "{:?}", door.notes);
+    assert!(has_note(&body, &free) && has_note(&body, &["body", "hangs on no joint that moves"]), "{:?}", body.notes);
+}
+
 #[test]
 fn files_without_joints_say_what_they_hold_and_what_to_record() {
     let files = Files::new();

@@ -562,6 +562,7 @@ impl Observe<'_> {
             hash: String::new(),
             joints,
             wrenches: Vec::new(),
+            is_table: true,
             notes: Vec::new(),
             continues,
             epoch: 0,

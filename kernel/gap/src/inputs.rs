@@ -1,0 +1,399 @@
+//! What acts on joints, as series of samples: those that are missing among others, and forces that were measured at links.
+//!
+//! A sample acts until the next one. Where that one is missing, holding its forerunner longer makes the input late by half of the hole: over many
+//! holes that is a clock which is off. So samples that a regular clock should have brought are put on straight lines between their neighbours.
+//! What is published when it changes has no such clock, and is held.
+
+use nalgebra::Vector3;
+use sagci_model::{ActuatorLaw, JointKind, ObjectModel};
+use sagci_recording::{CommandKind, JointLog, Log, Series, WrenchLog};
+
+use crate::trajectory::SAME_TIME;
+
+/// Over a longer time than this, s, nobody knows what acted between two samples: the first is held.
+const HOLE: f64 = 0.1;
+/// Share of a period by which times may be beside its multiples, the share of times that must not be, and the share that follow the one before
+/// by one period.
+const BESIDE: f64 = 0.2;
+const REGULAR: f64 = 0.9;
+const NEXT: f64 = 0.3;
+/// Fewer times tell of no period.
+const FEW: usize = 10;
+/// Share of a table's rows that give a command which was sampled, and not written down when it changed.
+const SAMPLED: f64 = 0.5;
+
+/// A recording whose inputs are complete.
+#[derive(Debug)]
+pub(crate) struct Inputs {
+    pub log: Log,
+    /// Forces from outside on joints that a command drives, by the joint's name.
+    pub external: Vec<(String, Series)>,
+    /// What was put in, and what acts where several things might.
+    pub notes: Vec<String>,
+}
+
+/// Does a drive take such commands? A joint without a law is driven by efforts.
+pub(crate) fn taken(kind: CommandKind, law: Option<&ActuatorLaw>) -> bool {
+    matches!(
+        (kind, law),
+        (CommandKind::Effort, None | Some(ActuatorLaw::Torque { .. }))
+            | (CommandKind::Position, Some(ActuatorLaw::PositionServo { .. } | ActuatorLaw::DcMotor { gain: Some(_), .. }))
+            | (CommandKind::Voltage, Some(ActuatorLaw::DcMotor { .. }))
+    )
+}
+
+/// The command that a joint's drive follows.
+pub(crate) fn followed<'a>(joint: &'a JointLog, law: Option<&ActuatorLaw>) -> Option<(CommandKind, &'a Series)> {
+    let (kind, series) = joint.command.as_ref()?;
+    taken(*kind, law).then_some((*kind, series))
+}
+
+/// The law of a joint's drive.
+pub(crate) fn law_of<'a>(model: &'a ObjectModel, joint: &str) -> Option<&'a ActuatorLaw> {
+    model.document.actuators.iter().find(|a| a.joint == joint).map(|a| &a.law)
+}
+
+impl Inputs {
+    pub fn new(log: &Log, model: &ObjectModel) -> Self {
+        let mut this = Self { log: log.clone(), external: Vec::new(), notes: Vec::new() };
+        this.push_by_wrenches(model);
+        let is_table = this.log.is_table;
+        for joint in this.log.joints.iter_mut().filter(|j| model.joint(&j.name).is_some()) {
+            let is_commanded = followed(joint, law_of(model, &joint.name)).is_some();
+            let JointLog { position, effort, command, command_gaps, .. } = joint;
+            let (series, rows, what) = match (is_commanded, command, effort) {
+                (true, Some((_, series)), _) if is_table && is_sampled(series, &position.time) => (series, &position.time[..], "commands"),
+                (false, _, Some(series)) => {
+                    let own = is_table || is_among(&series.time, &position.time);
+                    (series, if own { &position.time[..] } else { &[] }, "efforts")
+                }
+                _ => continue,
+            };
+            // Of a command only its own clock says that one is missing: a row may stand there for another quantity.
+            let least = if is_commanded { period(&series.time).map_or(f64::INFINITY, |p| 1.5 * p) } else { 0.0 };
+            let mended = Mended::new(series, rows, least, command_gaps);
+            let say = |message: String| format!("{}: {}: {message}", log.source, joint.name);
+            if mended.filled > 0 {
+                this.notes.push(say(format!(
+                    "{} {what} are missing between others; they were put on straight lines between these, since holding the last one would \
+                     make them late",
+                    mended.filled
+                )));
+            }
+            if mended.held > 0 {
+                this.notes.push(say(format!(
+                    "{} times {what} are missing for more than {HOLE} s; the last one is held there, which may be taken for a delay",
+                    mended.held
+                )));
+            }
+            *series = mended.series;
+        }
+        this
+    }
+
+    /// Turns forces at links into efforts of the joints that these hang on.
+    fn push_by_wrenches(&mut self, model: &ObjectModel) {
+        let pushed = efforts(&self.log, model);
+        for (name, series) in pushed {
+            let place = self.log.joints.iter().position(|j| j.name == name).unwrap_or_else(|| {
+                self.log.joints.push(JointLog { name: name.clone(), ..JointLog::default() });
+                self.log.joints.len() - 1
+            });
+            let joint = &mut self.log.joints[place];
+            if followed(joint, law_of(model, &name)).is_some() {
+                self.external.push((name, series));
+            } else if joint.effort.is_some() {
+                self.notes.push(format!(
+                    "{}: {name}: both an effort and a force at a link are measured; the effort is what acts, with the force it would count twice",
+                    self.log.source
+                ));
+            } else if joint.command.is_none() {
+                joint.effort = Some(series);
+            }
+        }
+    }
+}
+
+/// Efforts that forces measured at links are to the joints on the way to them (`tau = J^T F`), at the measured positions.
+fn efforts(log: &Log, model: &ObjectModel) -> Vec<(String, Series)> {
+    let wrenches: Vec<(usize, &WrenchLog)> =
+        log.wrenches.iter().filter(|w| !w.time.is_empty()).filter_map(|w| Some((model.link(&w.link)?, w))).collect();
+    let mut times: Vec<f64> = wrenches.iter().flat_map(|(_, w)| w.time.iter().copied()).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup_by(|b, a| *b - *a < SAME_TIME);
+    let moving: Vec<usize> = model.moving_joints().collect();
+    let positions: Vec<Option<&Series>> =
+        moving.iter().map(|i| log.joint(&model.joints[*i].name).map(|j| &j.position).filter(|p| !p.time.is_empty())).collect();
+    let mut all = vec![Vec::with_capacity(times.len()); moving.len()];
+    let mut reaches = vec![false; moving.len()];
+    for t in &times {
+        let q: Vec<f64> = positions.iter().map(|p| p.map_or(0.0, |p| between(p, *t))).collect();
+        let X_OL = model.X_OL(&q);
+        let mut tau = vec![0.0; moving.len()];
+        for (link, wrench) in &wrenches {
+            let at = wrench.time.partition_point(|x| *x <= t + SAME_TIME).saturating_sub(1);
+            let [tx, ty, tz, fx, fy, fz] = wrench.F_L[at];
+            let (torque_O, force_O) = (X_OL[*link] * Vector3::new(tx, ty, tz), X_OL[*link] * Vector3::new(fx, fy, fz));
+            let p_OL = X_OL[*link].translation.vector;
+            let mut below = *link;
+            while let Some((i, joint)) = model.joints.iter().enumerate().find(|(_, j)| j.child == below) {
+                below = joint.parent;
+                let X_OJ = X_OL[joint.parent] * joint.X_PJ;
+                let axis_O = X_OJ * joint.axis.into_inner();
+                let effort = match joint.kind {
+                    JointKind::Revolute | JointKind::Continuous => {
+                        axis_O.dot(&(torque_O + (p_OL - X_OJ.translation.vector).cross(&force_O)))
+                    }
+                    JointKind::Prismatic => axis_O.dot(&force_O),
+                    JointKind::Fixed | JointKind::Floating | JointKind::Planar => continue,
+                };
+                // One that follows another hands on to it.
+                let (mut leader, mut ratio) = (i, 1.0);
+                for _ in 0..model.joints.len() {
+                    let Some(mimic) = model.joints[leader].mimic else { break };
+                    (leader, ratio) = (mimic.joint, ratio * mimic.multiplier);
+                }
+                if let Some(slot) = moving.iter().position(|m| *m == leader) {
+                    tau[slot] += ratio * effort;
+                    reaches[slot] = true;
+                }
+            }
+        }
+        all.iter_mut().zip(tau).for_each(|(all, tau)| all.push(tau));
+    }
+    let named = moving.iter().zip(all).zip(reaches).filter(|(_, reaches)| *reaches);
+    named.map(|((i, value), _)| (model.joints[*i].name.clone(), Series { time: times.clone(), value })).collect()
+}
+
+/// A value at a time, on a straight line between two samples; beyond them, the nearest.
+fn between(series: &Series, t: f64) -> f64 {
+    let next = series.time.partition_point(|x| *x <= t);
+    match (next.checked_sub(1), series.time.get(next)) {
+        (Some(k), Some(end)) => {
+            let share = (t - series.time[k]) / (end - series.time[k]);
+            (1.0 - share) * series.value[k] + share * series.value[next]
+        }
+        (Some(k), None) => series.value[k],
+        (None, _) => series.value.first().copied().unwrap_or(0.0),
+    }
+}
+
+/// The period of a clock that misses some of its beats; none where times keep to no period.
+fn period(times: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    if steps.len() < FEW {
+        return None;
+    }
+    steps.sort_by(f64::total_cmp);
+    let short = steps[steps.len() / 5];
+    let one = |period: f64, step: f64| (step / period - 1.0).abs() < BESIDE;
+    let (sum, count) = steps.iter().filter(|s| one(short, **s)).fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
+    let period = sum / count;
+    let beat = |step: &&f64| {
+        let beats = **step / period;
+        beats > 0.5 && (beats - beats.round()).abs() < BESIDE
+    };
+    let all = steps.len() as f64;
+    let is_regular = steps.iter().filter(beat).count() as f64 >= REGULAR * all;
+    (is_regular && steps.iter().filter(|s| one(period, **s)).count() as f64 >= NEXT * all).then_some(period)
+}
+
+/// Is a command given in most rows of its joint, from its first to its last?
+fn is_sampled(series: &Series, rows: &[f64]) -> bool {
+    let (Some(first), Some(last)) = (series.time.first(), series.time.last()) else { return false };
+    let within = rows.iter().filter(|t| (*first..=*last).contains(*t)).count();
+    series.time.len() as f64 > SAMPLED * within as f64
+}
+
+/// Do nearly all of some times stand among others? Both are in order.
+fn is_among(times: &[f64], others: &[f64]) -> bool {
+    let there = |t: &&f64| others.get(others.partition_point(|x| *x < **t - SAME_TIME)).is_some_and(|x| (x - **t).abs() < SAME_TIME);
+    times.iter().filter(there).count() as f64 >= REGULAR * times.len() as f64
+}
+
+/// A series in which samples that were missing stand on straight lines between their neighbours.
+#[derive(Debug)]
+struct Mended {
+    series: Series,
+    /// How many these are.
+    filled: usize,
+    /// Holes that are too wide for it.
+    held: usize,
+}
+
+impl Mended {
+    /// `rows` are times at which a sample should be, beside those that a regular clock has; `least` is the time between two samples, s, from
+    /// which on any are missing. Over `gaps` nothing acts, which is no hole.
+    fn new(series: &Series, rows: &[f64], least: f64, gaps: &[[f64; 2]]) -> Self {
+        let mut all: Vec<f64> = series.time.iter().chain(rows).copied().collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup_by(|b, a| *b - *a < SAME_TIME);
+        let period = period(&all);
+        let mut this = Self { series: Series::default(), filled: 0, held: 0 };
+        for (k, (a, value)) in series.time.iter().zip(&series.value).enumerate() {
+            this.series.time.push(*a);
+            this.series.value.push(*value);
+            let Some(b) = series.time.get(k + 1).copied() else { break };
+            if b - a < least || gaps.iter().any(|[from, _]| (*a..b).contains(from)) {
+                continue;
+            }
+            let from = all.partition_point(|t| *t <= a + SAME_TIME);
+            let to = all.partition_point(|t| *t < b - SAME_TIME).max(from);
+            let mut missing = Vec::new();
+            let mut last = *a;
+            for t in all[from..to].iter().copied().chain([b]) {
+                let beats = period.map_or(1.0, |p| ((t - last) / p).round().max(1.0));
+                if b - a <= HOLE {
+                    missing.extend((1..beats as usize).map(|i| last + (t - last) * i as f64 / beats));
+                }
+                if t < b {
+                    missing.push(t);
+                } else if b - a > HOLE && (beats > 1.0 || !missing.is_empty()) {
+                    this.held += 1;
+                    missing.clear();
+                }
+                last = t;
+            }
+            this.filled += missing.len();
+            for t in missing {
+                let share = (t - a) / (b - a);
+                this.series.time.push(t);
+                this.series.value.push((1.0 - share) * value + share * series.value[k + 1]);
+            }
+        }
+        this
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::tests::{door, swing};
+    use crate::trajectory::Trajectory;
+
+    fn ramp(times: &[f64]) -> Series {
+        Series { time: times.to_vec(), value: times.iter().map(|t| 3.0 * t).collect() }
+    }
+
+    /// Rows of a 200 Hz clock of which four in ten are not there.
+    fn dropped(count: usize) -> Vec<f64> {
+        let mut random = Pcg64::seed_from_u64(5);
+        (0..count).filter(|_| random.random_range(0..10) < 6).map(|k| 0.005 * k as f64).collect()
+    }
+
+    fn hinge(log: &mut Log) -> &mut JointLog {
+        &mut log.joints[0]
+    }
+
+    #[test]
+    fn a_hole_in_a_regular_clock_makes_no_input_late() {
+        let series = ramp(&dropped(400));
+        let mended = Mended::new(&series, &[], 0.0, &[]);
+        assert!(mended.filled > 100 && mended.series.time.len() == series.time.len() + mended.filled);
+        assert!(mended.series.time.windows(2).all(|w| (w[1] - w[0] - 0.005).abs() < 1e-9), "a row is still missing");
+        assert!(mended.series.time.iter().zip(&mended.series.value).all(|(t, y)| (y - 3.0 * t).abs() < 1e-9));
+    }
+
+    #[test]
+    fn times_without_a_common_period_are_held_as_they_are() {
+        let mut t = 0.0;
+        let step = |k: i32| 0.005 * (1.0 + 0.6 * (f64::from(k) * 1.7).sin());
+        let times: Vec<f64> = (0..300)
+            .map(|k| {
+                t += step(k);
+                t
+            })
+            .collect();
+        let mended = Mended::new(&ramp(&times), &[], 0.0, &[]);
+        assert_eq!((mended.filled, mended.held, &mended.series.time), (0, 0, &times));
+    }
+
+    #[test]
+    fn over_a_long_hole_the_last_value_is_held_and_that_is_said() {
+        let times: Vec<f64> = (0..400).filter(|k| !(100..140).contains(k)).map(|k| 0.005 * f64::from(k)).collect();
+        let mended = Mended::new(&ramp(&times), &[], 0.0, &[]);
+        assert_eq!((mended.filled, mended.held), (0, 1));
+    }
+
+    /// A row for a position that has no effort lacks a sample; where a message of efforts has a clock of its own, it lacks none.
+    #[test]
+    fn an_effort_of_every_other_row_of_a_table_lacks_samples_and_a_topic_of_its_own_does_not() {
+        let log = swing(&door(), 0.0, 1);
+        let alternating = |is_table: bool| {
+            let mut log = Log { is_table, ..log.clone() };
+            let joint = hinge(&mut log);
+            let effort = joint.effort.as_mut().unwrap();
+            let keep = |series: &mut Series, side: usize| {
+                let kept = |all: &[f64]| all.iter().copied().skip(side).step_by(2).collect::<Vec<f64>>();
+                *series = Series { time: kept(&series.time), value: kept(&series.value) };
+            };
+            keep(effort, 1);
+            keep(&mut joint.position, 0);
+            Inputs::new(&log, &door())
+        };
+        let (table, topic) = (alternating(true), alternating(false));
+        assert!(table.notes.len() == 1 && topic.notes.is_empty(), "{:?} {:?}", table.notes, topic.notes);
+        assert_eq!(table.log.joints[0].effort.as_ref().unwrap().time.len(), 1999);
+        assert_eq!(topic.log.joints[0].effort.as_ref().unwrap().time.len(), 1000);
+    }
+
+    /// A command that is published when it changes holds until the next.
+    #[test]
+    fn a_command_of_its_own_topic_is_held_and_one_of_a_table_is_sampled() {
+        let mut log = swing(&door(), 0.0, 1);
+        let joint = hinge(&mut log);
+        let effort = joint.effort.take().unwrap();
+        let kept = |all: &[f64]| all.iter().enumerate().filter(|(k, _)| k % 4 != 2).map(|(_, x)| *x).collect::<Vec<f64>>();
+        joint.command = Some((CommandKind::Effort, Series { time: kept(&effort.time), value: kept(&effort.value) }));
+        let count = |log: &Log| Inputs::new(log, &door()).log.joints[0].command.as_ref().unwrap().1.time.len();
+        assert_eq!((count(&log), count(&Log { is_table: true, ..log.clone() })), (1500, 2000));
+    }
+
+    /// Complete rows stay as they are.
+    #[test]
+    fn a_complete_recording_is_not_touched() {
+        let log = Log { is_table: true, ..swing(&door(), 1e-4, 1) };
+        let inputs = Inputs::new(&log, &door());
+        assert!(inputs.log == log && inputs.notes.is_empty() && inputs.external.is_empty());
+    }
+
+    /// A force across the door at the end of a lever of known length.
+    fn pushed(log: &Log, lever: f64) -> Log {
+        let mut log = log.clone();
+        let effort = hinge(&mut log).effort.take().unwrap();
+        // The hinge turns about -z, on which its link's frame lies: a part is a torque, the rest a force along the link's own y.
+        let F_L = effort.value.iter().map(|u| [0.3, -0.2, -0.4 * u, 5.0, -0.6 * u / lever, -7.0]);
+        let of = |F: [f64; 6]| -> [f64; 6] {
+            // At the origin of the link's frame a force at p has the moment p x f.
+            let [tx, ty, tz, fx, fy, fz] = F;
+            [tx, ty - lever * fz, tz + lever * fy, fx, fy, fz]
+        };
+        log.wrenches = vec![WrenchLog { link: "part".into(), time: effort.time, F_L: F_L.map(of).collect() }];
+        log
+    }
+
+    #[test]
+    fn a_force_at_a_link_acts_as_the_effort_that_it_is() {
+        let model = door();
+        let mut log = swing(&model, 1e-4, 1);
+        let by_effort = Trajectory::new(&log, &model).unwrap();
+        let mut by_force = pushed(&log, 0.4);
+        let found = Trajectory::new(&by_force, &model).unwrap();
+        assert_eq!((&found.time, &found.drive), (&by_effort.time, &by_effort.drive));
+        for (ours, theirs) in found.input.iter().zip(&by_effort.input) {
+            assert!((ours - theirs).abs() < 1e-9, "{ours} {theirs}");
+        }
+        // Beside an effort it would count twice; beside a command it comes on top.
+        by_force.joints[0].effort.clone_from(&log.joints[0].effort);
+        let both = Inputs::new(&by_force, &model);
+        assert!(both.external.is_empty() && both.notes.len() == 1, "{:?}", both.notes);
+        let effort = hinge(&mut log).effort.take().unwrap();
+        by_force.joints[0].effort = None;
+        by_force.joints[0].command = Some((CommandKind::Effort, effort));
+        assert_eq!(Inputs::new(&by_force, &model).external.len(), 1);
+    }
+}
