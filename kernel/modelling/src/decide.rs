@@ -10,7 +10,7 @@ use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
 use crate::mask::{self, Known, chosen, rectangles};
-use crate::motion::{Motion, Still};
+use crate::motion::{Motion, Still, agree};
 use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
 use crate::posed::Posed;
 use crate::side::Side;
@@ -367,6 +367,8 @@ struct Ended {
     groups: Vec<Vec<usize>>,
     pieces: Vec<Vec<usize>>,
     share: Vec<[f64; CLASSES]>,
+    /// How likely each overlaps a true part by half.
+    promise: Vec<f64>,
     /// Of each point its part, 0 the body.
     label: Vec<Option<u32>>,
     /// What is asked about the body and the parts, how far they are to be trusted.
@@ -387,8 +389,9 @@ impl Ended {
         let (fine, pieces) = split(analysis, &label, groups.len());
         let points = sizes(analysis);
         let share: Vec<[f64; CLASSES]> = groups.iter().map(|own| shares(&first.classes, own, &points)).collect();
+        let promise = kept.iter().map(|g| first.promises[*g][0]).collect();
         let trust = trusted(first, analysis, &kept, &label, &expected);
-        Ok(Self { fine, groups, pieces, share, label, trust })
+        Ok(Self { fine, groups, pieces, share, promise, label, trust })
     }
 }
 
@@ -462,7 +465,7 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut plain = Plain { weights: &weights.matrices };
     let first = First::of(analyses, &mut plain)?;
     let analysis = &analyses[first.index];
-    let Ended { fine, groups, pieces, share, label, trust } = Ended::of(&first, analysis, &mut plain)?;
+    let Ended { fine, groups, pieces, share, promise, label, trust } = Ended::of(&first, analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
     let trust = network.trust(trust)?;
     let confidence = |k: usize| 1.0 / (1.0 + f64::from(-trust[k]).exp());
@@ -472,23 +475,34 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
         let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
         let still = Still::of(&side.posed, &label);
         for g in 0..groups.len() {
-            let part = moving_part(&still, share[g], &pieces[g], &candidates[g], &out, g * CANDIDATES);
+            let asked = (share[g], 1.0 - promise[g]);
+            let part = moving_part(&still, asked, &pieces[g], &candidates[g], &out, g * CANDIDATES);
             parts.push(Moving { confidence: confidence(g + 1), ..part });
         }
     }
+    let mut drawers: Vec<&mut Motion> =
+        parts.iter_mut().filter_map(|p: &mut Moving| p.motions.first_mut()).filter(|m| m.front.is_some()).collect();
+    agree(&mut drawers);
     let body_confidence = confidence(0);
     let decision = Decision { parts, body_confidence, doubt: first.doubt, walled: first.walled, front: side.front() };
     drop(side);
     Ok(Decided { analysis: fine, label, decision })
 }
 
-fn moving_part(still: &Still<'_>, share: [f64; CLASSES], pieces: &[usize], candidates: &[Candidate], out: &Matrix, row: usize) -> Moving {
+/// `share` is what was said of its pieces one by one, `fixed` how likely it is none, which is asked of it as a whole.
+fn moving_part(
+    still: &Still<'_>,
+    (share, fixed): ([f64; CLASSES], f64),
+    pieces: &[usize],
+    candidates: &[Candidate],
+    out: &Matrix,
+    row: usize,
+) -> Moving {
     let lid = share[3] > share[4];
     let mut p = Matrix::from_fn(1, CANDIDATES, |_, c| out[(row + c, 0)]);
     softmax_rows(&mut p);
-    let fixed = share[0];
     // What a part is and how it moves are two answers to one question; each has seen what the other has not.
-    let moves = (1.0 - fixed).max(1e-6);
+    let moves = (1.0 - share[0]).max(1e-6);
     for (c, candidate) in candidates.iter().enumerate() {
         let level = candidate.axis.z.abs() < 0.5;
         let fits = match (candidate.slides, level) {

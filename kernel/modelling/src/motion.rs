@@ -17,6 +17,26 @@ pub(crate) struct Motion {
     pub(crate) state: f64,
     /// Most that it opens.
     pub(crate) upper: f64,
+    /// Of what is pulled out of the front: the x in K at which its front was seen.
+    pub(crate) front: Option<f64>,
+}
+
+/// How far apart the fronts of drawers may be when they are shut, m.
+const ONE_FRONT: f64 = 0.05;
+
+/// Most drawers of a thing shut in one plane. One that seems to shut elsewhere has something open beside it that was not known for a part.
+pub(crate) fn agree(drawers: &mut [&mut Motion]) {
+    let mut shut: Vec<f64> = drawers.iter().filter_map(|m| m.front.map(|f| f - m.state)).collect();
+    if shut.len() < 3 {
+        return;
+    }
+    shut.sort_by(f64::total_cmp);
+    let plane = shut[(shut.len() - 1) / 2];
+    for m in drawers {
+        let Some(front) = m.front.filter(|f| (f - m.state - plane).abs() > ONE_FRONT) else { continue };
+        m.state = if front - plane > SHUT { front - plane } else { 0.0 };
+        m.upper = m.upper.max(m.state + 0.02);
+    }
 }
 
 /// A drawer that stands out by less is shut, m: its front may stand before the rest as well.
@@ -92,15 +112,14 @@ impl<'a> Still<'a> {
         let (y, z) = (range(1), range(2));
         // How far a point lies inside the front's rectangle; outside where below zero.
         let inside = |i: usize| (p[i].y - y[0]).min(y[1] - p[i].y).min(p[i].z - z[0]).min(z[1] - p[i].z);
-        let around = |i: usize| inside(i) < 0.0 && inside(i) > -AROUND;
-        let mut edges: Vec<f64> = (0..p.len()).filter(|i| self.still[*i] && around(*i) && self.is_frontal(*i)).map(|i| p[i].x).collect();
-        let face = match Self::plane(&mut edges, 0.08) {
-            Some(x) => x,
-            None if (0..p.len()).filter(|i| self.still[*i] && around(*i)).count() >= FEW => {
-                self.quantile(0, 0.95, |i| self.still[i] && around(i))
-            }
-            None => self.quantile(0, 0.98, |i| self.still[i]),
+        // The edges around its hole; where these are not seen, all that stands still and looks to the front.
+        let edges = |reach: f64| {
+            let around = |i: &usize| inside(*i) < 0.0 && inside(*i) > -reach;
+            let mut xs: Vec<f64> = (0..p.len()).filter(|i| self.still[*i] && around(i) && self.is_frontal(*i)).map(|i| p[i].x).collect();
+            Self::plane(&mut xs, 0.08)
         };
+        let face = [AROUND, 3.0 * AROUND, f64::INFINITY].into_iter().find_map(edges);
+        let face = face.unwrap_or_else(|| self.quantile(0, 0.98, |i| self.still[i]));
         if foremost - face < SHUT {
             return 0.0;
         }
@@ -136,6 +155,7 @@ impl<'a> Still<'a> {
         let posed = self.posed;
         let R_WK = (posed.R_KA * posed.analysis.R_AW).inverse();
         let (axis, origin, state, upper);
+        let mut front = None;
         if c.slides {
             axis = c.axis;
             origin = c.origin;
@@ -148,6 +168,7 @@ impl<'a> Still<'a> {
                     .max_by_key(|x| x.1)
                     .map_or(c.origin.x, |x| x.0);
                 state = self.pulled(pieces, foremost);
+                front = Some(foremost);
                 let depth = self.quantile(0, 0.98, |i| self.still[i]) - self.quantile(0, 0.02, |i| self.still[i]);
                 upper = (0.8 * depth.max(0.15)).max(state + 0.02);
             } else {
@@ -194,6 +215,6 @@ impl<'a> Still<'a> {
             };
             upper = f64::max(usual, state + 0.05);
         }
-        Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper }
+        Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper, front }
     }
 }

@@ -48,7 +48,7 @@ struct Arguments {
 /// What makes weights like those that ship: one round after the other, each on objects of its own. What a round does not say is as in the
 /// first. They were run before clouds were thinned and cut, or families drawn, as they are now; `world-models/perception/README.md` says how
 /// the last heads went on from there.
-const ROUNDS: [Settings; 7] = [
+const ROUNDS: [Settings; 9] = [
     Settings { seed: 1, objects: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 },
     Settings { seed: 2, objects: 6000, epochs: 6, batch: 16, rate: 1.5e-3, kept: 0.0 },
     Settings { seed: 3, objects: 8000, epochs: 8, batch: 16, rate: 1.5e-3, kept: 0.0 },
@@ -56,6 +56,8 @@ const ROUNDS: [Settings; 7] = [
     Settings { seed: 6, objects: 14_000, epochs: 5, batch: 16, rate: 1e-3, kept: 0.0 },
     Settings { seed: 7, objects: 16_000, epochs: 5, batch: 16, rate: 1e-3, kept: 0.0 },
     Settings { seed: 8, objects: 8000, epochs: 4, batch: 16, rate: 8e-4, kept: 0.3 },
+    Settings { seed: 10, objects: 10_000, epochs: 4, batch: 16, rate: 8e-4, kept: 0.3 },
+    Settings { seed: 11, objects: 10_000, epochs: 4, batch: 16, rate: 8e-4, kept: 0.3 },
 ];
 
 /// These heads come last, one after the other, each on what all before it make of fresh objects: after every round they are trained anew.
