@@ -11,8 +11,15 @@ fn number(word: &str) -> Option<f64> {
     if odd { Some(f64::NAN) } else { word.parse().ok() }
 }
 
-/// Reads `count` points of `width` words a line, of which three are the coordinates, starting with the line after `line`.
-pub(crate) fn points(body: &[u8], line: usize, count: usize, width: usize, at: [usize; 3]) -> Result<(Vec<Point3<f64>>, usize), Fault> {
+/// Reads `count` points of `width` words a line, of which three are the coordinates, starting with the line after `line`; `after` lines may
+/// follow them.
+pub(crate) fn points(
+    body: &[u8],
+    line: usize,
+    (count, after): (usize, usize),
+    width: usize,
+    at: [usize; 3],
+) -> Result<Vec<Point3<f64>>, Fault> {
     let mut points = Vec::new();
     let mut used = 0;
     for (index, raw) in body.split(|b| *b == b'\n').enumerate() {
@@ -43,5 +50,6 @@ pub(crate) fn points(body: &[u8], line: usize, count: usize, width: usize, at: [
     if points.len() < count {
         return Err(Fault::new(format!("is cut off: it says that it has {count} points, but holds {}", points.len())));
     }
-    Ok((points, used.min(body.len())))
+    let left = body[used.min(body.len())..].split(|b| *b == b'\n').filter(|l| !l.trim_ascii().is_empty()).count();
+    if left > after { Err(Fault::more(count, &format!("{} lines", left - after))) } else { Ok(points) }
 }

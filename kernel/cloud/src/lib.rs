@@ -58,6 +58,11 @@ impl Fault {
         Self { line: None, message: message.into() }
     }
 
+    /// A header that keeps points back.
+    pub(crate) fn more(said: usize, left: &str) -> Self {
+        Self::new(format!("contradicts itself: its header says {said} points, but {left} more follow; mend the count"))
+    }
+
     pub(crate) fn at(line: usize, message: impl Into<String>) -> Self {
         Self { line: Some(line), message: message.into() }
     }

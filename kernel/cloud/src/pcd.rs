@@ -2,7 +2,6 @@
 
 use nalgebra::Point3;
 
-use crate::ply::more;
 use crate::record::{Number, count, excerpt};
 use crate::{Fault, POINTS, ascii, lzf};
 
@@ -95,16 +94,14 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
         "ascii" => {
             let word = |k: usize| fields[..k].iter().map(|f| f.count).sum::<usize>();
             let width = fields.iter().map(|f| f.count).sum();
-            let (points, used) = ascii::points(body, line, n, width, [word(x), word(y), word(z)])?;
-            let left = body[used..].split(|b| *b == b'\n').filter(|l| !l.trim_ascii().is_empty()).count();
-            if left > 0 { Err(more(n, &format!("{left} lines"))) } else { Ok(points) }
+            ascii::points(body, line, (n, 0), width, [word(x), word(y), word(z)])
         }
         "binary" => {
             if body.len() / size.max(1) < n {
                 return Err(cut(body.len() / size.max(1)));
             }
             if body.len() >= (n + 1) * size.max(1) {
-                return Err(more(n, &format!("{} bytes", body.len() - n * size)));
+                return Err(Fault::more(n, &format!("{} bytes", body.len() - n * size)));
             }
             let read = |r: &[u8], k: usize| r.get(before(k)..).and_then(|b| fields[k].number.read(b, true)).unwrap_or(f64::NAN);
             Ok(body.chunks_exact(size).take(n).map(|r| Point3::new(read(r, x), read(r, y), read(r, z))).collect())

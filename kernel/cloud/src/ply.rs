@@ -88,11 +88,6 @@ fn header(bytes: &[u8]) -> Result<(Format, Vec<Element>, usize, usize), Fault> {
     }
 }
 
-/// A header that keeps points back.
-pub(crate) fn more(said: usize, left: &str) -> Fault {
-    Fault::new(format!("contradicts itself: its header says {said} points, but {left} more follow; mend the count"))
-}
-
 pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
     let (format, elements, mut line, at) = header(bytes)?;
     let mut body = bytes.get(at..).unwrap_or_default();
@@ -113,10 +108,8 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
                 if element.properties.iter().any(|p| matches!(p, Property::List { .. })) {
                     return Err(Fault::new("its vertices hold lists, which are not read in text"));
                 }
-                let (points, used) = ascii::points(body, line, element.count, element.properties.len(), [x, y, z])?;
-                let rows: usize = after(&elements).map(|e| e.count).fold(0, usize::saturating_add);
-                let left = body[used..].split(|b| *b == b'\n').filter(|l| !l.trim_ascii().is_empty()).count();
-                return if left > rows { Err(more(element.count, &format!("{} lines", left - rows))) } else { Ok(points) };
+                let rows = after(&elements).map(|e| e.count).fold(0, usize::saturating_add);
+                return ascii::points(body, line, (element.count, rows), element.properties.len(), [x, y, z]);
             }
             let Format::Binary { little } = format else { return Err(Fault::new("has no format")) };
             let Some(size) = record(element) else { return Err(Fault::new("its vertices hold lists, which are not read")) };
@@ -126,7 +119,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
             // Faces that are cut off are none of ours; what follows all that was announced is.
             let left = after(&elements).try_fold(&body[size * element.count..], |body, e| skip(body, e, little)).map_or(0, <[u8]>::len);
             if left >= size.max(1) {
-                return Err(more(element.count, &format!("{left} bytes")));
+                return Err(Fault::more(element.count, &format!("{left} bytes")));
             }
             let offsets = [x, y, z].map(|k| {
                 let before =

@@ -40,7 +40,7 @@ const fn known(category: Category, name: &'static str, build: fn(&mut Builder<'_
     Family { name, category, held_out: false, weight: 1, build }
 }
 
-const fn manifold(category: Category, name: &'static str, build: fn(&mut Builder<'_>)) -> Family {
+const fn varied(category: Category, name: &'static str, build: fn(&mut Builder<'_>)) -> Family {
     Family { weight: 3, ..known(category, name, build) }
 }
 
@@ -75,8 +75,8 @@ pub const FAMILIES: &[Family] = &[
     known(Category::Door, "glazed_screen", composed::glazed_screen),
     known(Category::Door, "shutters", composed::shutters),
     known(Category::Door, "panelled_wall", composed::panelled_wall),
-    manifold(Category::Door, "divided_doorway", divided::divided_doorway),
-    manifold(Category::Door, "divided_hatches", divided::divided_hatches),
+    varied(Category::Door, "divided_doorway", divided::divided_doorway),
+    varied(Category::Door, "divided_hatches", divided::divided_hatches),
     held_out(Category::Door, "with_sidelight", entrance::with_sidelight),
     held_out(Category::Door, "stable_door", entrance::stable_door),
     known(Category::Microwave, "side_door_with_panel", kitchen::side_door_with_panel),
@@ -124,8 +124,8 @@ pub const STILL: &[Family] = &[
     known(Category::Storage, "bookcase", still::bookcase),
     known(Category::Box, "crate_or_block", still::crate_or_block),
     known(Category::Box, "turned_pieces", still::turned_pieces),
-    manifold(Category::Box, "parcel", still::parcel),
-    manifold(Category::Box, "blocks", still::blocks),
+    varied(Category::Box, "parcel", still::parcel),
+    varied(Category::Box, "blocks", still::blocks),
     held_out(Category::Storage, "chair", still::chair),
     held_out(Category::Box, "vessel", still::vessel),
 ];
