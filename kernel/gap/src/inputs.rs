@@ -4,11 +4,13 @@
 //! holes that is a clock which is off. So samples that a regular clock should have brought are put on straight lines between their neighbours.
 //! What is published when it changes has no such clock, and is held.
 
-use nalgebra::Vector3;
-use sagci_model::{ActuatorLaw, JointKind, ObjectModel};
+use nalgebra::{DVector, Isometry3, Matrix6xX, Point3, Vector3, Vector6};
+use sagci_dynamics::{Part, System};
+use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log, Series, WrenchLog};
 
-use crate::trajectory::SAME_TIME;
+use crate::GapError;
+use crate::trajectory::{SAME_TIME, joint_names};
 
 /// Over a longer time than this, s, nobody knows what acted between two samples: the first is held.
 const HOLE: f64 = 0.1;
@@ -54,9 +56,9 @@ pub(crate) fn law_of<'a>(model: &'a ObjectModel, joint: &str) -> Option<&'a Actu
 }
 
 impl Inputs {
-    pub fn new(log: &Log, model: &ObjectModel) -> Self {
+    pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
         let mut this = Self { log: log.clone(), external: Vec::new(), notes: Vec::new() };
-        this.push_by_wrenches(model);
+        this.push_by_wrenches(model)?;
         let is_table = this.log.is_table;
         for joint in this.log.joints.iter_mut().filter(|j| model.joint(&j.name).is_some()) {
             let is_commanded = followed(joint, law_of(model, &joint.name)).is_some();
@@ -88,12 +90,12 @@ impl Inputs {
             }
             *series = mended.series;
         }
-        this
+        Ok(this)
     }
 
     /// Turns forces at links into efforts of the joints that these hang on.
-    fn push_by_wrenches(&mut self, model: &ObjectModel) {
-        let pushed = efforts(&self.log, model);
+    fn push_by_wrenches(&mut self, model: &ObjectModel) -> Result<(), GapError> {
+        let pushed = efforts(&self.log, model)?;
         for (name, series) in pushed {
             let place = self.log.joints.iter().position(|j| j.name == name).unwrap_or_else(|| {
                 self.log.joints.push(JointLog { name: name.clone(), ..JointLog::default() });
@@ -111,58 +113,48 @@ impl Inputs {
                 joint.effort = Some(series);
             }
         }
+        Ok(())
     }
 }
 
 /// Efforts that forces measured at links are to the joints on the way to them (`tau = J^T F`), at the measured positions.
-fn efforts(log: &Log, model: &ObjectModel) -> Vec<(String, Series)> {
-    let wrenches: Vec<(usize, &WrenchLog)> =
-        log.wrenches.iter().filter(|w| !w.time.is_empty()).filter_map(|w| Some((model.link(&w.link)?, w))).collect();
-    let mut times: Vec<f64> = wrenches.iter().flat_map(|(_, w)| w.time.iter().copied()).collect();
+fn efforts(log: &Log, model: &ObjectModel) -> Result<Vec<(String, Series)>, GapError> {
+    let wrenches: Vec<&WrenchLog> = log.wrenches.iter().filter(|w| !w.time.is_empty() && model.link(&w.link).is_some()).collect();
+    if wrenches.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut times: Vec<f64> = wrenches.iter().flat_map(|w| w.time.iter().copied()).collect();
     times.sort_by(f64::total_cmp);
     times.dedup_by(|b, a| *b - *a < SAME_TIME);
-    let moving: Vec<usize> = model.moving_joints().collect();
+    let names = joint_names(model)?;
     let positions: Vec<Option<&Series>> =
-        moving.iter().map(|i| log.joint(&model.joints[*i].name).map(|j| &j.position).filter(|p| !p.time.is_empty())).collect();
-    let mut all = vec![Vec::with_capacity(times.len()); moving.len()];
-    let mut reaches = vec![false; moving.len()];
+        names.iter().map(|name| log.joint(name).map(|j| &j.position).filter(|p| !p.time.is_empty())).collect();
+    let n = names.len();
+    let mut bare = model.clone();
+    bare.document.effects.clear();
+    let system = System::new(&[Part::welded(&bare, Isometry3::identity())])?;
+    let (multibody, mut ws) = (system.multibody(), system.multibody().workspace());
+    let (mut J, still) = (Matrix6xX::zeros(n), vec![0.0; n]);
+    let mut all = vec![Vec::with_capacity(times.len()); n];
+    let mut reaches = vec![false; n];
     for t in &times {
         let q: Vec<f64> = positions.iter().map(|p| p.map_or(0.0, |p| between(p, *t))).collect();
-        let X_OL = model.X_OL(&q);
-        let mut tau = vec![0.0; moving.len()];
-        for (link, wrench) in &wrenches {
+        multibody.set_state(&mut ws, &q, &still)?;
+        let mut tau = DVector::zeros(n);
+        for wrench in &wrenches {
+            let link = multibody.link(&wrench.link)?;
             let at = wrench.time.partition_point(|x| *x <= t + SAME_TIME).saturating_sub(1);
             let [tx, ty, tz, fx, fy, fz] = wrench.F_L[at];
-            let (torque_O, force_O) = (X_OL[*link] * Vector3::new(tx, ty, tz), X_OL[*link] * Vector3::new(fx, fy, fz));
-            let p_OL = X_OL[*link].translation.vector;
-            let mut below = *link;
-            while let Some((i, joint)) = model.joints.iter().enumerate().find(|(_, j)| j.child == below) {
-                below = joint.parent;
-                let X_OJ = X_OL[joint.parent] * joint.X_PJ;
-                let axis_O = X_OJ * joint.axis.into_inner();
-                let effort = match joint.kind {
-                    JointKind::Revolute | JointKind::Continuous => {
-                        axis_O.dot(&(torque_O + (p_OL - X_OJ.translation.vector).cross(&force_O)))
-                    }
-                    JointKind::Prismatic => axis_O.dot(&force_O),
-                    JointKind::Fixed | JointKind::Floating | JointKind::Planar => continue,
-                };
-                // One that follows another hands on to it.
-                let (mut leader, mut ratio) = (i, 1.0);
-                for _ in 0..model.joints.len() {
-                    let Some(mimic) = model.joints[leader].mimic else { break };
-                    (leader, ratio) = (mimic.joint, ratio * mimic.multiplier);
-                }
-                if let Some(slot) = moving.iter().position(|m| *m == leader) {
-                    tau[slot] += ratio * effort;
-                    reaches[slot] = true;
-                }
-            }
+            let X_WL = multibody.X_WL(&ws, link);
+            let (torque_W, force_W) = (X_WL * Vector3::new(tx, ty, tz), X_WL * Vector3::new(fx, fy, fz));
+            multibody.jacobian(&ws, link, &Point3::origin(), &mut J)?;
+            tau += J.transpose() * Vector6::new(torque_W.x, torque_W.y, torque_W.z, force_W.x, force_W.y, force_W.z);
+            reaches.iter_mut().zip(J.column_iter()).for_each(|(reaches, column)| *reaches |= column.amax() > 0.0);
         }
-        all.iter_mut().zip(tau).for_each(|(all, tau)| all.push(tau));
+        all.iter_mut().zip(tau.iter()).for_each(|(all, tau)| all.push(*tau));
     }
-    let named = moving.iter().zip(all).zip(reaches).filter(|(_, reaches)| *reaches);
-    named.map(|((i, value), _)| (model.joints[*i].name.clone(), Series { time: times.clone(), value })).collect()
+    let named = names.into_iter().zip(all).zip(reaches).filter(|(_, reaches)| *reaches);
+    Ok(named.map(|((name, value), _)| (name, Series { time: times.clone(), value })).collect())
 }
 
 /// A value at a time, on a straight line between two samples; beyond them, the nearest.
@@ -333,7 +325,7 @@ mod tests {
             };
             keep(effort, 1);
             keep(&mut joint.position, 0);
-            Inputs::new(&log, &door())
+            Inputs::new(&log, &door()).unwrap()
         };
         let (table, topic) = (alternating(true), alternating(false));
         assert!(table.notes.len() == 1 && topic.notes.is_empty(), "{:?} {:?}", table.notes, topic.notes);
@@ -349,7 +341,7 @@ mod tests {
         let effort = joint.effort.take().unwrap();
         let kept = |all: &[f64]| all.iter().enumerate().filter(|(k, _)| k % 4 != 2).map(|(_, x)| *x).collect::<Vec<f64>>();
         joint.command = Some((CommandKind::Effort, Series { time: kept(&effort.time), value: kept(&effort.value) }));
-        let count = |log: &Log| Inputs::new(log, &door()).log.joints[0].command.as_ref().unwrap().1.time.len();
+        let count = |log: &Log| Inputs::new(log, &door()).unwrap().log.joints[0].command.as_ref().unwrap().1.time.len();
         assert_eq!((count(&log), count(&Log { is_table: true, ..log.clone() })), (1500, 2000));
     }
 
@@ -357,7 +349,7 @@ mod tests {
     #[test]
     fn a_complete_recording_is_not_touched() {
         let log = Log { is_table: true, ..swing(&door(), 1e-4, 1) };
-        let inputs = Inputs::new(&log, &door());
+        let inputs = Inputs::new(&log, &door()).unwrap();
         assert!(inputs.log == log && inputs.notes.is_empty() && inputs.external.is_empty());
     }
 
@@ -389,11 +381,11 @@ mod tests {
         }
         // Beside an effort it would count twice; beside a command it comes on top.
         by_force.joints[0].effort.clone_from(&log.joints[0].effort);
-        let both = Inputs::new(&by_force, &model);
+        let both = Inputs::new(&by_force, &model).unwrap();
         assert!(both.external.is_empty() && both.notes.len() == 1, "{:?}", both.notes);
         let effort = hinge(&mut log).effort.take().unwrap();
         by_force.joints[0].effort = None;
         by_force.joints[0].command = Some((CommandKind::Effort, effort));
-        assert_eq!(Inputs::new(&by_force, &model).external.len(), 1);
+        assert_eq!(Inputs::new(&by_force, &model).unwrap().external.len(), 1);
     }
 }

@@ -149,7 +149,7 @@ pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> 
 impl Trajectory {
     /// Puts the series of a log on one grid.
     pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
-        let Inputs { log, external, notes } = Inputs::new(log, model);
+        let Inputs { log, external, notes } = Inputs::new(log, model)?;
         let this = Self { notes, ..Self::all(&log, &external, model)? };
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
