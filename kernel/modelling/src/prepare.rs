@@ -264,7 +264,7 @@ fn flat(points: &[Point3<f64>]) -> Result<(), ModellingError> {
 }
 
 /// How many times farther from one plane than from their neighbours' points may lie for all to be one sheet.
-const SHEET: f64 = 1.3;
+const SHEET: f64 = 1.15;
 
 /// Do all points lie as near to one plane as neighbours do to theirs? Then nothing but noise stands out of it.
 pub(crate) fn is_sheet(points: &[Point3<f64>], local: &[Local]) -> bool {
