@@ -50,6 +50,18 @@ impl Noise {
         }
     }
 
+    /// The same, depths and poses as many times as wrong.
+    pub fn times(&self, factor: f64) -> Self {
+        Self {
+            axial: factor * self.axial,
+            axial_square: factor * self.axial_square,
+            step: factor * self.step,
+            position: factor * self.position,
+            angle: factor * self.angle,
+            ..*self
+        }
+    }
+
     /// Spoils an image; what is lost becomes `None`.
     pub(crate) fn spoil(&self, camera: &Camera, image: &[Option<Hit>], random: &mut Random) -> Vec<Option<Hit>> {
         let (w, h) = (camera.width, camera.height);

@@ -98,6 +98,7 @@ impl<'a> Climb<'a> {
             if self.holds_small && !with_small {
                 return Ok(false);
             }
+            self.shorten_steps()?;
         }
         let Self { search, scale, .. } = self;
         let scale = *scale;
@@ -113,6 +114,16 @@ impl<'a> Climb<'a> {
             self.current = alone;
         }
         Ok(true)
+    }
+
+    /// Steps as short as what the names leave asks for.
+    fn shorten_steps(&mut self) -> Result<(), GapError> {
+        self.scale = self.search.scale(&self.current);
+        if self.search.shorten_steps(&self.current, self.scale)? {
+            self.base = self.search.refit(&self.base, self.scale)?;
+            self.current = self.search.refit(&self.current, self.scale)?;
+        }
+        Ok(())
     }
 
     /// Names one more; none if none is there.

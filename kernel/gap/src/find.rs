@@ -115,7 +115,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 
     say("refitting what the model knows");
     let mut base = search.known(model, 1.0)?;
-    if search.shorten_steps(&base)? {
+    let scale = search.scale(&base);
+    if search.shorten_steps(&base, scale)? {
         base = search.refit(&base, 1.0)?;
     }
     let given = base.clone();

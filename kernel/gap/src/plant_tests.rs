@@ -120,7 +120,7 @@ fn steps_leave_less_over_than_an_effect_has_to_say() {
         let trajectories = [Trajectory::new(&flung(&model, velocities), &model).unwrap()];
         let mut search = Search::new(&model, &trajectories).unwrap();
         let fit = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
-        shortened.push(search.shorten_steps(&fit).unwrap());
+        shortened.push(search.shorten_steps(&fit, 1.0).unwrap());
         let at = |step: f64| {
             let mut problem = search.problem.clone();
             problem.step = step;

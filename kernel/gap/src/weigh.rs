@@ -381,16 +381,16 @@ impl<'a> Search<'a> {
     }
 
     /// Steps so short that what they leave over cannot be taken for an effect: where they are halved, errors change by less than an effect has
-    /// to say. Where the change does not fall with the steps it has no order, as where joints stick or hit something, and shorter ones are no
-    /// better.
-    pub fn shorten_steps(&mut self, fit: &Fit) -> Result<bool, GapError> {
+    /// to say while errors are so large: the nearer a model comes, the more of them tell. Where the change does not fall with the steps it has no
+    /// order, as where joints stick or hit something, and shorter ones are no better.
+    pub fn shorten_steps(&mut self, fit: &Fit, scale: f64) -> Result<bool, GapError> {
         let Hypothesis { x, .. } = &fit.hypothesis;
         let at = |step: f64| Problem { step, ..self.problem.clone() }.errors(&fit.hypothesis, x);
         let longest = self.problem.step;
         let (mut step, mut errors, mut before) = (longest, at(longest)?, f64::INFINITY);
         while step > SHORTEST {
             let finer = at(0.5 * step)?;
-            let left = 0.5 * (&finer - &errors).norm_squared();
+            let left = 0.5 * (&finer - &errors).norm_squared() / (scale * scale);
             if left > 0.5 * before {
                 step = (2.0 * step).min(longest);
                 break;

@@ -118,7 +118,7 @@ fn meshes(model: &ObjectModel, folder: &Path, findings: &mut Vec<Finding>) -> Re
     Ok(())
 }
 
-/// A passive joint is shut at zero and opens in the positive direction.
+/// What a hand opens is shut at zero and opens in the positive direction. A pendulum, or a joint with a motor, goes both ways.
 fn joints(model: &ObjectModel, findings: &mut Vec<Finding>) {
     for j in &model.joints {
         let limited = matches!(j.kind, JointKind::Revolute | JointKind::Prismatic);
@@ -126,11 +126,13 @@ fn joints(model: &ObjectModel, findings: &mut Vec<Finding>) {
             continue;
         }
         let place = format!("joint '{}'", j.name);
-        if j.limits.lower != 0.0 || j.limits.upper <= 0.0 {
+        let driven = model.document.actuators.iter().any(|a| a.joint == j.name);
+        let held = model.document.grasps.iter().any(|g| g.link() == model.links[j.child].name);
+        if held && !driven && (j.limits.lower != 0.0 || j.limits.upper <= 0.0) {
             let range = format!("{} to {}", j.limits.lower, j.limits.upper);
             findings.push(Finding::error(
                 &place,
-                format!("goes from {range}; a passive joint is shut at 0 and opens in the positive direction"),
+                format!("goes from {range}; a joint that a hand opens is shut at 0 and opens in the positive direction"),
             ));
         }
         for g in &model.document.grasps {

@@ -19,6 +19,8 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, RecordingError> {
     })?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut raw = Raw { clocks: vec![Clock::default()], is_chosen: true, ..Default::default() };
+    // Old programs end lines by a carriage return alone.
+    let text = if text.contains('\n') { Cow::Borrowed(text) } else { Cow::Owned(text.replace('\r', "\n")) };
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l)).peekable();
     let header = loop {
         match lines.next() {
@@ -44,7 +46,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, RecordingError> {
         if cells.len() != columns.len() {
             let message = format!("has {} cells, but the header names {} columns", cells.len(), columns.len());
             // A logger that was stopped leaves half a line at the end.
-            if lines.peek().is_none() && !bytes.ends_with(b"\n") && cells.len() < columns.len() {
+            if lines.peek().is_none() && !text.ends_with('\n') && cells.len() < columns.len() {
                 raw.notes
                     .push(Note { place: format!("line {line}"), message: format!("{message}; the file ends in it, and it was left out") });
                 break;

@@ -7,7 +7,7 @@ pub enum RecordingError {
     #[error("no recording was given; name at least one MCAP or CSV file")]
     Nothing,
     /// The file could not be opened or read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: the recording cannot be read: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,

@@ -40,6 +40,7 @@ fn files_as_spreadsheets_write_them_give_the_same_series() {
     };
     same("byte order mark", format!("\u{feff}{plain}"));
     same("CRLF", plain.replace('\n', "\r\n"));
+    same("CR alone", plain.replace('\n', "\r"));
     same("spaces", plain.replace(',', " , "));
     same("comments and empty lines", plain.replacen('\n', "\n# made by hand\n\n", 3).replacen("time", "# first\n\ntime", 1));
     same("semicolons and decimal commas", plain.replace(',', ";").replace("0.", "0,"));

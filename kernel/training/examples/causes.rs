@@ -1,6 +1,6 @@
 //! Why a true part is not found whole, by category and state: the first thing that goes wrong on the way from cloud to joint.
 //!
-//! `cargo run --release -p sagci-training --example causes -- WEIGHTS OBJECTS SEED [each] [CATEGORY]`
+//! `cargo run --release -p sagci-training --example causes -- WEIGHTS OBJECTS SEED [each] [held_out] [CATEGORY]`
 #![allow(missing_docs, clippy::print_stdout, clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -28,13 +28,14 @@ fn main() {
     let number = |k: usize, otherwise: u64| arguments.get(k).and_then(|a| a.parse().ok()).unwrap_or(otherwise);
     let (objects, seed) = (number(1, 30), number(2, 4242));
     let each = arguments.iter().any(|a| a == "each");
+    let held_out = arguments.iter().any(|a| a == "held_out");
     let only = arguments.iter().find(|a| Category::ALL.iter().any(|c| c.name() == a.as_str()));
     let asked: Vec<(Category, u64)> =
         Category::ALL.into_iter().filter(|c| only.is_none_or(|o| o == c.name())).flat_map(|c| (0..objects).map(move |n| (c, n))).collect();
     let all: Vec<(Category, Vec<Told>, Masks)> = asked
         .into_par_iter()
         .map(|(c, n)| {
-            let (told, masks) = one(c, n, seed, &weights);
+            let (told, masks) = one(c, n, (seed, held_out), &weights);
             (c, told, masks)
         })
         .collect();
@@ -115,9 +116,9 @@ fn masks(cloud: &Labelled, parts: usize, found: Option<&Perceived>) -> Masks {
     all
 }
 
-fn one(category: Category, index: u64, seed: u64, weights: &Weights) -> (Vec<Told>, Masks) {
+fn one(category: Category, index: u64, (seed, held_out): (u64, bool), weights: &Weights) -> (Vec<Told>, Masks) {
     let mut random = Random::new(seed.wrapping_mul(1009).wrapping_add(index), category.name());
-    let of = families(category, false);
+    let of = families(category, held_out);
     let family = of[index as usize % of.len()];
     let object = family.draw(&mut random);
     let cloud = look(&object, &Look::draw(&mut random), &mut random);

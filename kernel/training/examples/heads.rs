@@ -11,7 +11,7 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let weights = Weights::read(std::path::Path::new(&arguments[0])).unwrap();
     let number = |k: usize, otherwise: u64| arguments.get(k).and_then(|a| a.parse().ok()).unwrap_or(otherwise);
-    let taught = lessons(number(2, 5_000), number(1, 200), false);
+    let taught = lessons(number(2, 5_000), 0..number(1, 200), false);
     for category in Category::ALL {
         let mut total = Score::default();
         taught.iter().filter(|l| l.category == category).for_each(|l| total.add(&learn(&weights.matrices, l, true, None).unwrap()));

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use sagci_furniture::{Category, Class, Family, Kind, Labelled, Look, Object, Random, STILL, families, look};
+use sagci_furniture::{Category, Class, Family, Kind, Labelled, Look, Noise, Object, Random, STILL, families, look};
 use sagci_modelling::network::Matrix;
 use sagci_modelling::{FARTHEST, Side, analyse, touching};
 
@@ -61,6 +61,10 @@ pub fn class_number(class: Class) -> usize {
 
 /// Share of objects that are seen in the dense cloud of many views.
 const AROUND: f64 = 0.25;
+/// Shares of clouds that are as sparse as any may be, that come of a perfect camera, and of one twice as bad as usual.
+const SPARSE: f64 = 0.2;
+const PERFECT: f64 = 0.1;
+const BAD: f64 = 0.1;
 
 /// The lessons of an index: an object and its mirror image. None where it cannot be analysed (too little of it was seen).
 pub fn lesson(seed: u64, index: u64, held_out: bool) -> Vec<Lesson> {
@@ -97,6 +101,16 @@ pub(crate) fn drawn(seed: u64, index: u64, held_out: bool) -> (Object, Labelled,
     let mut around = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "around");
     if around.chance(AROUND) {
         how = Look::around(&mut around);
+    }
+    // Others' cameras are better, worse, or drawn: from a stream of its own.
+    let mut camera = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "camera");
+    if camera.chance(SPARSE) {
+        how.points = camera.scale(1_500.0, 6_000.0) as usize;
+    }
+    match camera.unit() {
+        x if x < PERFECT => how.noise = Noise::NONE,
+        x if x < PERFECT + BAD => how.noise = how.noise.times(2.0),
+        _ => {}
     }
     let cloud = look(&object, &how, &mut random);
     (object, cloud, random)

@@ -17,6 +17,7 @@ mod tape;
 mod trust;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use rayon::prelude::*;
 use sagci_furniture::Random;
@@ -37,7 +38,9 @@ pub struct Settings {
     pub seed: u64,
     /// Objects that are learned from.
     pub objects: u64,
-    /// How often each is seen.
+    /// How many of them are drawn at a time: what is seen only as often as it is drawn is not learned by heart.
+    pub at_once: u64,
+    /// How often each is seen, before the next are drawn.
     pub epochs: usize,
     /// Objects a step.
     pub batch: usize,
@@ -65,23 +68,23 @@ pub enum TrainingError {
     Settings(#[from] serde_json::Error),
 }
 
-/// Draws lessons, several at a time, in order. `held_out` draws from the families that are kept out of training.
-pub fn lessons(seed: u64, count: u64, held_out: bool) -> Vec<Lesson> {
-    (0..count).into_par_iter().flat_map_iter(|i| lesson(seed, i, held_out)).collect()
+/// Draws the lessons of some objects, several at a time, in order. `held_out` draws from the families that are kept out of training.
+pub fn lessons(seed: u64, objects: Range<u64>, held_out: bool) -> Vec<Lesson> {
+    objects.into_par_iter().flat_map_iter(|i| lesson(seed, i, held_out)).collect()
 }
 
-/// Trains on lessons, from other weights if some are given; `log` is told of every epoch, with the weights so far. Equal settings and lessons give equal weights.
+/// Trains on the lessons that `draw` makes of objects, from other weights if some are given; `log` is told of every epoch, with the weights so
+/// far. Equal settings and lessons give equal weights.
 ///
 /// Errors: no lesson at all.
 pub fn train(
     settings: &Settings,
     from: Option<&Weights>,
-    lessons: &[Lesson],
+    draw: &mut dyn FnMut(Range<u64>) -> Vec<Lesson>,
     checked: &[Lesson],
     log: &mut dyn FnMut(&str, &Weights),
 ) -> Result<Weights, TrainingError> {
-    let first = lessons.first().ok_or(TrainingError::NoLessons { objects: settings.objects })?;
-    let mut weights = loss::first_weights(settings.seed, first)?;
+    let mut weights = loss::first_weights(settings.seed)?;
     if let Some(from) = from {
         for (name, to) in &mut weights {
             if let Some(known) = from.matrices.get(name) {
@@ -92,51 +95,61 @@ pub fn train(
     // What made the weights that it went on from, as they say it themselves.
     let before: Option<serde_json::Value> = from.map(|f| serde_json::from_str(&f.made_by)).transpose()?;
     let batch = settings.batch.max(1);
-    let steps = settings.epochs * lessons.len().div_ceil(batch);
+    let at_once = settings.at_once.clamp(1, settings.objects.max(1));
+    let parts = settings.objects.div_ceil(at_once);
+    // An object is two lessons. Where it is none for once, the rate ends a little above its least.
+    let steps = settings.epochs * (2 * settings.objects as usize).div_ceil(batch);
     let mut adam = adam::Adam::new(steps, settings.rate);
     let mut random = Random::new(settings.seed, "order");
-    let mut order: Vec<usize> = (0..lessons.len()).collect();
     let mut lines = Vec::new();
     let mut made = Weights { matrices: weights.clone(), made_by: String::new() };
-    for epoch in 0..settings.epochs {
-        random.shuffle(&mut order);
-        let mut total = Score::default();
-        for chunk in order.chunks(batch) {
-            let results: Vec<Result<(Score, BTreeMap<String, Matrix>), ModellingError>> = chunk
-                .par_iter()
-                .map(|i| {
-                    let mut g = BTreeMap::new();
-                    learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
-                })
-                .collect();
-            // Summed in the order of the batch, so that the number of threads does not change a bit.
-            let mut sum: BTreeMap<String, Matrix> = BTreeMap::new();
-            for result in results {
-                let (score, g) = result?;
-                total.add(&score);
-                for (name, d) in g {
-                    match sum.get_mut(&name) {
-                        Some(s) => *s += d,
-                        None => {
-                            sum.insert(name, d);
+    for part in 0..parts {
+        let lessons = draw(part * at_once..((part + 1) * at_once).min(settings.objects));
+        if lessons.is_empty() {
+            return Err(TrainingError::NoLessons { objects: settings.objects });
+        }
+        let mut order: Vec<usize> = (0..lessons.len()).collect();
+        for epoch in 0..settings.epochs {
+            random.shuffle(&mut order);
+            let mut total = Score::default();
+            for chunk in order.chunks(batch) {
+                let results: Vec<Result<(Score, BTreeMap<String, Matrix>), ModellingError>> = chunk
+                    .par_iter()
+                    .map(|i| {
+                        let mut g = BTreeMap::new();
+                        learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
+                    })
+                    .collect();
+                // Summed in the order of the batch, so that the number of threads does not change a bit.
+                let mut sum: BTreeMap<String, Matrix> = BTreeMap::new();
+                for result in results {
+                    let (score, g) = result?;
+                    total.add(&score);
+                    for (name, d) in g {
+                        match sum.get_mut(&name) {
+                            Some(s) => *s += d,
+                            None => {
+                                sum.insert(name, d);
+                            }
                         }
                     }
                 }
+                adam.step(&mut weights, &sum, chunk.len() as f32);
             }
-            adam.step(&mut weights, &sum, chunk.len() as f32);
+            let done = part as usize * settings.epochs + epoch + 1;
+            let mut line = format!("part {:3} epoch {:3}  {}", part + 1, epoch + 1, total.line());
+            if done.is_multiple_of(4) || done == parts as usize * settings.epochs {
+                line += &format!("\n        fresh  {}", judge(&weights, checked)?.line());
+            }
+            lines.push(line.clone());
+            made.matrices.clone_from(&weights);
+            let mut note = serde_json::json!({ "settings": settings, "log": lines });
+            if let (Some(before), Some(note)) = (&before, note.as_object_mut()) {
+                note.insert("from".to_owned(), before.clone());
+            }
+            made.made_by = serde_json::to_string(&note)?;
+            log(&line, &made);
         }
-        let mut line = format!("epoch {:3}  {}", epoch + 1, total.line());
-        if (epoch + 1) % 4 == 0 || epoch + 1 == settings.epochs {
-            line += &format!("\n        fresh  {}", judge(&weights, checked)?.line());
-        }
-        lines.push(line.clone());
-        made.matrices.clone_from(&weights);
-        let mut note = serde_json::json!({ "settings": settings, "log": lines });
-        if let (Some(before), Some(note)) = (&before, note.as_object_mut()) {
-            note.insert("from".to_owned(), before.clone());
-        }
-        made.made_by = serde_json::to_string(&note)?;
-        log(&line, &made);
     }
     if let Some(from) = from {
         keep(&mut made.matrices, &from.matrices, settings.kept as f32);

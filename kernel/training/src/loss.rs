@@ -195,15 +195,14 @@ pub fn learn(
 /// First weights of the network.
 ///
 /// Errors: none that a network without weights could have.
-pub fn first_weights(seed: u64, lesson: &Lesson) -> Result<BTreeMap<String, Matrix>, ModellingError> {
+pub fn first_weights(seed: u64) -> Result<BTreeMap<String, Matrix>, ModellingError> {
     let mut initial = crate::initial::Initial::new(seed);
-    let n = lesson.class.len();
     let mut network = Network::new(&mut initial);
     let trunk = network.trunk(Matrix::zeros(0, 0), Matrix::zeros(0, 0), Matrix::zeros(0, 0))?;
     network.classes(&trunk)?;
-    network.front(&trunk, n)?;
-    network.same_part(&trunk, n, &[])?;
-    network.joints(&trunk, n, &[], Matrix::zeros(0, 0))?;
+    network.front(&trunk, 0)?;
+    network.same_part(&trunk, 0, &[])?;
+    network.joints(&trunk, 0, &[], Matrix::zeros(0, 0))?;
     network.border(Matrix::zeros(0, 0))?;
     Ok(initial.weights)
 }

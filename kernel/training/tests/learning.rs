@@ -2,18 +2,23 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use sagci_modelling::network::{Matrix, Weights};
-use sagci_training::{Settings, TrainingError, judge, learn, lessons, train, train_border, train_masks, train_trust};
+use sagci_training::{Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_masks, train_trust};
 
-const SETTINGS: Settings = Settings { seed: 5, objects: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
+const SETTINGS: Settings = Settings { seed: 5, objects: 10, at_once: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
+
+fn drawn(seed: u64) -> impl FnMut(Range<u64>) -> Vec<Lesson> {
+    move |objects| lessons(seed, objects, false)
+}
 
 #[test]
 fn the_loss_falls_and_the_run_repeats_to_the_bit() {
-    let taught = lessons(SETTINGS.seed, SETTINGS.objects, false);
-    let run = || train(&SETTINGS, None, &taught, &[], &mut |_, _| {}).unwrap();
+    let taught = lessons(SETTINGS.seed, 0..SETTINGS.objects, false);
+    let run = || train(&SETTINGS, None, &mut drawn(SETTINGS.seed), &[], &mut |_, _| {}).unwrap();
     let first = run();
-    let untrained = train(&Settings { epochs: 1, rate: 0.0, ..SETTINGS }, None, &taught, &[], &mut |_, _| {}).unwrap();
+    let untrained = train(&Settings { epochs: 1, rate: 0.0, ..SETTINGS }, None, &mut drawn(SETTINGS.seed), &[], &mut |_, _| {}).unwrap();
     let loss = |w: &BTreeMap<String, Matrix>| judge(w, &taught).unwrap().loss / taught.len() as f64;
     let (before, after) = (loss(&untrained.matrices), loss(&first.matrices));
     assert!(after < 0.8 * before, "{before} to {after}");
@@ -22,9 +27,9 @@ fn the_loss_falls_and_the_run_repeats_to_the_bit() {
 
 #[test]
 fn gradients_agree_with_central_differences() {
-    let taught = lessons(9, 3, false);
+    let taught = lessons(9, 0..3, false);
     let lesson = taught.iter().find(|l| !l.joints.is_empty()).unwrap();
-    let mut weights = train(&Settings { epochs: 2, ..SETTINGS }, None, &taught, &[], &mut |_, _| {}).unwrap().matrices;
+    let mut weights = train(&Settings { objects: 3, epochs: 2, ..SETTINGS }, None, &mut drawn(9), &[], &mut |_, _| {}).unwrap().matrices;
     let mut gradients = BTreeMap::new();
     learn(&weights, lesson, true, Some(&mut gradients)).unwrap();
     let mut agree = 0;
@@ -71,13 +76,27 @@ fn the_last_heads_learn_beside_weights_that_stay_and_repeat_to_the_bit() {
     }
 }
 
+/// Each object is drawn once, and all of them are, if the last part is smaller.
+#[test]
+fn what_is_drawn_in_parts_is_drawn_whole_and_once() {
+    let mut asked = Vec::new();
+    let mut draw = |objects: Range<u64>| {
+        asked.push(objects.clone());
+        lessons(3, objects, false)
+    };
+    let settings = Settings { objects: 5, at_once: 2, epochs: 2, ..SETTINGS };
+    let mut lines = 0;
+    train(&settings, None, &mut draw, &[], &mut |_, _| lines += 1).unwrap();
+    assert_eq!(asked, [0..2, 2..4, 4..5]);
+    assert_eq!(lines, 6);
+}
+
 /// What is learned of new shapes is mixed with what was known: all of it kept is what was known, half of it the mean.
 #[test]
 fn what_was_known_is_kept_by_its_share() {
-    let taught = lessons(3, 6, false);
     let round = |from: Option<&Weights>, kept: f64| {
         let settings = Settings { seed: 3, objects: 6, epochs: 1, kept, ..SETTINGS };
-        train(&settings, from, &taught, &[], &mut |_, _| {}).unwrap()
+        train(&settings, from, &mut drawn(3), &[], &mut |_, _| {}).unwrap()
     };
     let before = round(None, 0.0);
     let learned = round(Some(&before), 0.0);

@@ -159,7 +159,7 @@ fn verify_says_what_is_wrong_with_an_unsound_model() {
         (Box::new(edit("model.yaml", "name: microwave", "name: toaster")), "is 'toaster', but the object is 'microwave'"),
         (Box::new(edit("model.yaml", "licence: Apache-2.0", "licence: ''")), "provenance: licence: is missing"),
         (Box::new(edit("model.yaml", "link: door", "link: dor")), "did you mean 'door'?"),
-        (Box::new(edit("object.urdf", "lower=\"0\"", "lower=\"-1\"")), "a passive joint is shut at 0"),
+        (Box::new(edit("object.urdf", "lower=\"0\"", "lower=\"-1\"")), "a joint that a hand opens is shut at 0"),
         (Box::new(edit("object.urdf", "xyz=\"0 0 -1\"", "xyz=\"0 0 1\"")), "inwards as it opens; is its axis reversed?"),
         (Box::new(edit("model.yaml", "0.475, -0.108,", "0.475, -0.308,")), "grasp 'handle': closes on nothing"),
         (Box::new(edit("model.yaml", "size: [0.414,", "size: [0.614,")), "region 'cavity': is not free"),
@@ -178,6 +178,16 @@ fn verify_says_what_is_wrong_with_an_unsound_model() {
         let text = damage(&*change);
         assert!(text.contains(expected), "expected '{expected}', found:\n{text}");
     }
+}
+
+/// A servo that swings a weight both ways has no shut position, and what is found out about it is kept like a door's.
+#[test]
+fn a_joint_that_no_hand_opens_may_go_both_ways() {
+    let (_root, library) = scratch();
+    let servo = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/xl330_servo");
+    library.publish("xl330_servo", &servo, &[]).unwrap();
+    let limits = library.get("xl330_servo").unwrap().model.joints[0].limits;
+    assert!(limits.lower < 0.0 && limits.upper > 0.0);
 }
 
 #[test]

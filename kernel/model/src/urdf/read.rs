@@ -273,7 +273,15 @@ fn geometry(
             let mesh = match meshes.get(&key) {
                 Some(mesh) => Arc::clone(mesh),
                 None => {
-                    let mesh = Arc::new(TriangleMesh::read(&path)?.scaled(&scale));
+                    let read = TriangleMesh::read(&path).map_err(|e| match e {
+                        ModelError::File { source: why, .. } => source.impossible(
+                            "link",
+                            link,
+                            format!("its mesh '{}' cannot be read: {why}; put the file there, or name another", path.display()),
+                        ),
+                        other => other,
+                    })?;
+                    let mesh = Arc::new(read.scaled(&scale));
                     meshes.insert(key, Arc::clone(&mesh));
                     mesh
                 }
