@@ -13,17 +13,14 @@ use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
 use crate::gaps::{Measure, gaps};
-use crate::locked::Locked;
+use crate::given::Given;
 use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
 use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
-use crate::trajectory::{Trajectory, check_sampling, going_on};
-use crate::unseen::{apart, set_aside};
 use crate::weigh::{CONVINCING, MATERIAL};
-use crate::{unheeded, windows};
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -81,33 +78,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             progress(text);
         }
     };
-    unheeded::check(model)?;
-    apart(train, held_out)?;
-    let mut notes = unheeded::notes(train.iter().chain(held_out), model);
-    let (all, held_out) = (going_on(train), going_on(held_out));
-    let every: Vec<&Log> = all.iter().chain(&held_out).collect();
-    every.iter().try_for_each(|log| check_sampling(log, model, options.window))?;
-    let locked = Locked::new(model, &every)?;
-    notes.extend(locked.notes.iter().cloned());
+    let Given { locked, train: trajectories, unseen, mut notes } = Given::new(model, train, held_out, options.window)?;
     let model = &locked.model;
-    let on_grid = |logs: &[&Log]| logs.iter().map(|l| Trajectory::new(l, model)).collect::<Result<Vec<_>, GapError>>();
-    let (mut train, mut unseen_logs) = set_aside(&all, &held_out, &mut notes);
-    let (mut trajectories, mut unseen) = (on_grid(&train)?, on_grid(&unseen_logs)?);
-    let has_whole = |data: &[Trajectory]| data.iter().any(|t| windows::has_whole(t, options.window));
-    if held_out.is_empty() && !unseen.is_empty() && !(has_whole(&trajectories) && has_whole(&unseen)) {
-        notes.push(format!(
-            "too few recordings are as long as a window of {} s to set one aside: what is found is not confirmed on other data",
-            options.window
-        ));
-        (train, unseen_logs) = (all.iter().collect(), Vec::new());
-        (trajectories, unseen) = (on_grid(&train)?, Vec::new());
-    }
-    for data in [&trajectories, &unseen] {
-        windows::check(data, options.window)?;
-        windows::say_without(data, options.window, &mut notes);
-    }
-    let held_out = unseen_logs;
-    notes.extend(trajectories.iter().chain(&unseen).flat_map(|t| t.notes.iter().cloned()));
     let mut search = Search::beside(model, &trajectories, &unseen, &mut notes)?;
     let still = search.names.iter().zip(&search.still).filter(|(_, still)| **still);
     notes.extend(still.map(|(name, _)| format!("{name}: stands in each recording, if elsewhere in others; nothing is looked for on it")));
@@ -165,7 +137,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let (mut told, mut is_far) = (None, false);
     if !settled.chosen.is_empty() {
         say("following what the data hardly tell");
-        told = search.followed(&settled.current, settled.scale, &measure).ok();
+        match search.followed(&settled.current, settled.scale, &measure) {
+            Ok(followed) => told = Some(followed),
+            Err(error) => notes.push(format!("what the data hardly tell was not followed: {error}")),
+        }
         let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
         is_far = !search.many_joints() && own.is_far(&fit.hypothesis, options.seed);
     }
@@ -280,7 +255,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         Some(left) => experiment::propose_for_nameless(&search, model, left),
         None => experiment::questions(&search, &chosen, &current, &agreed).iter().find_map(|q| experiment::propose(&search, q, scale)),
     };
-    let next_experiment = next.map(|e| e.told_to(&model.name, &train, &held_out));
+    let next_experiment = next.map(|e| e.told_to(&model.name, &trajectories, &unseen));
     let mut found = current.hypothesis.model_at(&current.hypothesis.x);
     for (effect, entry) in effects_found.iter().zip(&final_entries) {
         found.document.effects[*entry].evidence = Some(Evidence {

@@ -15,6 +15,7 @@ mod find;
 mod fit;
 mod flexible;
 mod gaps;
+mod given;
 mod hypothesis;
 mod inertial;
 mod inputs;

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use sagci_recording::Log;
 use serde::Serialize;
 
 use crate::flexible::Region;
+use crate::trajectory::Trajectory;
 
 /// Version of the format.
 pub const SCHEMA: u32 = 1;
@@ -202,8 +202,8 @@ impl Experiment {
         self
     }
 
-    pub(crate) fn told_to(self, model: &str, train: &[&Log], held_out: &[&Log]) -> Self {
-        let sources = |logs: &[&Log]| logs.iter().map(|l| l.source.clone()).collect::<Vec<_>>();
+    pub(crate) fn told_to(self, model: &str, train: &[Trajectory], held_out: &[Trajectory]) -> Self {
+        let sources = |data: &[Trajectory]| data.iter().map(|t| t.source.clone()).collect::<Vec<_>>();
         self.goes_on(model, &sources(train), &sources(held_out), &[])
     }
 }

@@ -3,12 +3,13 @@
 use nalgebra::Vector3;
 use sagci_recording::{JointLog, Log, Series};
 
+use crate::given::going_on;
 use crate::hypothesis::Hypothesis;
 use crate::plant::Plant;
 use crate::search::Search;
 use crate::starts::{JointView, neighbour, starts, sum};
 use crate::tests::{door, led, swing, with};
-use crate::trajectory::{Trajectory, going_on};
+use crate::trajectory::Trajectory;
 
 /// The peaks of efforts that pushes make are a hundred times what acts most of the time.
 fn view() -> JointView {

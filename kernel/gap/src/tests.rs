@@ -443,10 +443,10 @@ fn what_was_nowhere_confines_nothing() {
 #[test]
 fn a_recording_with_a_few_samples_in_a_window_is_sent_back() {
     let mut log = swing(&door(), 1e-4, 1);
-    crate::trajectory::check_sampling(&log, &door(), 0.25).unwrap();
+    crate::given::check_sampling(&log, &door(), 0.25).unwrap();
     let stretched = |log: &mut Log, by: f64| log.joints[0].position.time.iter_mut().for_each(|t| *t *= by);
     stretched(&mut log, 20.0);
-    crate::trajectory::check_sampling(&log, &door(), 1.0).unwrap();
+    crate::given::check_sampling(&log, &door(), 1.0).unwrap();
     stretched(&mut log, 50.0);
     let error = crate::find(&door(), &[log], &[], &crate::Options::default()).unwrap_err().to_string();
     assert!(error.contains("too coarsely") && error.contains("5.0000 s") && error.contains("in ms"), "{error}");

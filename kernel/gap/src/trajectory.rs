@@ -16,71 +16,24 @@ pub(crate) const SAME_TIME: f64 = 1e-6;
 /// Free motion is averaged to about this period, s.
 const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
-const CUT: (f64, f64) = (10.0, 0.1);
+pub(crate) const CUT: (f64, f64) = (10.0, 0.1);
 
-/// Fewer samples in a window do not tell how a joint moves there.
-const LEAST_IN_WINDOW: usize = 10;
 /// By whose multiples stretches are chosen.
 const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
 /// some time.
 const BURN_IN: (usize, f64) = (10, 0.05);
-/// A joint was brought elsewhere if it is so much of its range from where it was, and farther than it ever goes from one sample to the next.
-const ELSEWHERE: f64 = 0.05;
 /// A joint is at rest where its positions spread over so long, s, by less than so many times their noise.
 const REST: f64 = 0.2;
 const STILL: f64 = 1.5;
 /// It may be at rest where its velocity is less than so many times what the noise of its measured effort makes of one row.
 const STOPPED: f64 = 3.0;
 
-/// Recordings that go on from one another: not where a joint was brought elsewhere while nothing was recorded. What is bent stays so while its
-/// joint stays; over another way nobody knows it, and it has come to rest.
-pub(crate) fn going_on(logs: &[Log]) -> Vec<Log> {
-    let mut all = logs.to_vec();
-    for (i, log) in all.iter_mut().enumerate().skip(1) {
-        log.continues &= !was_brought(&logs[i - 1], &logs[i]);
-    }
-    all
-}
-
-fn was_brought(before: &Log, after: &Log) -> bool {
-    after.joints.iter().filter_map(|joint| Some((before.joint(&joint.name)?, joint))).any(|(before, after)| {
-        let seen = |joint: &JointLog| -> Vec<(f64, f64)> {
-            let series = &joint.position;
-            series.time.iter().copied().zip(series.value.iter().copied()).filter(|(_, y)| y.is_finite()).collect()
-        };
-        let (before, after) = (seen(before), seen(after));
-        let (Some(end), Some(first)) = (before.last(), after.first()) else { return false };
-        let mut steps: Vec<f64> = after.windows(2).map(|w| w[1].0 - w[0].0).collect();
-        steps.sort_by(f64::total_cmp);
-        let usual = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
-        let (low, high) = after.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, y)| (low.min(*y), high.max(*y)));
-        let at_once = after.windows(2).filter(|w| w[1].0 - w[0].0 < 1.5 * usual).map(|w| (w[1].1 - w[0].1).abs()).fold(0.0, f64::max);
-        first.0 - end.0 > (CUT.0 * usual).max(CUT.1) && (first.1 - end.1).abs() > at_once.max(ELSEWHERE * (high - low))
-    })
-}
-
-/// Are there samples enough in a window?
-///
-/// # Errors
-/// There are not.
-pub(crate) fn check_sampling(log: &Log, model: &ObjectModel, window: f64) -> Result<(), GapError> {
-    let usual = |series: &Series| {
-        let mut steps: Vec<f64> = series.time.windows(2).map(|w| w[1] - w[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied()
-    };
-    let moving = model.moving_joints().filter_map(|i| log.joint(&model.joints[i].name));
-    let Some(period) = moving.filter_map(|j| usual(&j.position)).reduce(f64::max) else { return Ok(()) };
-    if window / period > LEAST_IN_WINDOW as f64 - 0.5 {
-        return Ok(());
-    }
-    let message = format!(
-        "is sampled too coarsely: one position each {period:.4} s, and a window of {window} s needs at least {LEAST_IN_WINDOW}. Record at \
-         {:.0} Hz or more, or ask for longer windows (`--window`); are times in ms? Then give them in s",
-        LEAST_IN_WINDOW as f64 / window
-    );
-    Err(GapError::data(&log.source, message))
+/// Usual time between instants, s; none of less than two.
+pub(crate) fn usual_step(times: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied()
 }
 
 /// What moves a joint.
@@ -425,8 +378,6 @@ impl Trajectory {
 
     /// Usual time between rows, s.
     pub fn period(&self) -> f64 {
-        let mut steps: Vec<f64> = self.time.windows(2).map(|w| w[1] - w[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied().unwrap_or(0.005)
+        usual_step(&self.time).unwrap_or(0.005)
     }
 }

@@ -1,7 +1,6 @@
-//! Data that no fit and no choice has seen: which they are, and what they say of names that are settled.
+//! What data that no fit and no choice has seen say of names that are settled.
 
 use rayon::prelude::*;
-use sagci_recording::Log;
 
 use crate::GapError;
 use crate::fit::{Fit, Problem};
@@ -15,38 +14,6 @@ use crate::weigh::SMALLER;
 const SEEN: f64 = 3.0;
 /// Standard deviations below what is expected that are no chance.
 const CHANCE: f64 = 3.0;
-
-/// Whole trajectories for a check, where none are given: never samples of one.
-pub(crate) fn set_aside<'a>(train: &'a [Log], held_out: &'a [Log], notes: &mut Vec<String>) -> (Vec<&'a Log>, Vec<&'a Log>) {
-    if !held_out.is_empty() {
-        return (train.iter().collect(), held_out.iter().collect());
-    }
-    if train.len() < 3 {
-        notes.push(format!("{} recording(s) are too few to set one aside: what is found is not confirmed on other data", train.len()));
-        return (train.iter().collect(), Vec::new());
-    }
-    // Every fourth, from the second: early and late ones are on both sides.
-    let aside = |i: usize| i % 4 == 1;
-    (
-        train.iter().enumerate().filter(|(i, _)| !aside(*i)).map(|(_, l)| l).collect(),
-        train.iter().enumerate().filter(|(i, _)| aside(*i)).map(|(_, l)| l).collect(),
-    )
-}
-
-/// Refuses data that are to be unseen and are fitted to.
-pub(crate) fn apart(train: &[Log], held_out: &[Log]) -> Result<(), GapError> {
-    for unseen in held_out.iter().filter(|log| !log.hash.is_empty()) {
-        if let Some(seen) = train.iter().find(|log| log.hash == unseen.hash) {
-            let message = match seen.source == unseen.source {
-                true => "is among the data as well as held out".to_owned(),
-                false => format!("is held out, and holds the same as {} among the data", seen.source),
-            };
-            let hint = "what is fitted to confirms nothing. Name it in one place only";
-            return Err(GapError::data(&unseen.source, format!("{message}: {hint}")));
-        }
-    }
-    Ok(())
-}
 
 /// What unseen data say of an effect, in units of their noise.
 #[derive(Debug, Clone, Copy)]
