@@ -15,7 +15,7 @@ use crate::noise;
 use crate::observer::{self, Disturbance, Errors, Run};
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
-use crate::starts::{JointView, Seen, neighbour};
+use crate::starts::{JointView, Seen, neighbours};
 use crate::stops::{self, Stops};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
@@ -244,16 +244,17 @@ impl<'a> Search<'a> {
         }
         let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
         best(&mut begun);
-        let beside = |c: &Candidate| {
-            let j = c.joint?;
+        let beside = |c: &Candidate| -> Vec<Candidate> {
             let hypothesis = &c.fit.hypothesis;
-            let entry = hypothesis.model_at(&hypothesis.x).document.effects.pop()?;
-            let (_, values) = effects::parameters_of(&entry).ok()?;
-            let (name, values) = neighbour(c.effect, &values, &views[j])?;
-            let hypothesis = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
-            first(name, c.joint, hypothesis.confined(base.hypothesis.x.len(), views[j].range, views[j].way()))
+            let (Some(j), Some(entry)) = (c.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else { return Vec::new() };
+            let Ok((_, values)) = effects::parameters_of(&entry) else { return Vec::new() };
+            let begin = |(name, values): (&'static str, Vec<f64>)| {
+                let hypothesis = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
+                first(name, c.joint, hypothesis.confined(base.hypothesis.x.len(), views[j].range, views[j].way()))
+            };
+            neighbours(c.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
         };
-        let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).filter_map(beside).collect();
+        let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).flat_map_iter(beside).collect();
         begun.extend(more);
         best(&mut begun);
         begun

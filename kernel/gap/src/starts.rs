@@ -185,35 +185,43 @@ fn across(axis: [f64; 3]) -> [nalgebra::Vector3<f64>; 2] {
     [first, a.cross(&first)]
 }
 
-/// Where the fit of a neighbour begins, by its own equations, once an effect is fitted: both loops of friction have a width, and what pulls
-/// a joint round as its own weight does a size, which a neighbour's own starts may miss.
-pub(crate) fn neighbour(effect: &str, values: &[f64], view: &JointView) -> Option<(&'static str, Vec<f64>)> {
+/// Where fits of neighbours begin, by their own equations, once an effect is fitted: both loops of friction have a width, a friction that falls with
+/// speed has the level that one friction has, and what pulls a joint round as its own weight does a size, which a neighbour's own starts may
+/// miss.
+pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<(&'static str, Vec<f64>)> {
     let JointView { speed, range: [low, high], .. } = *view;
     match (effect, values) {
+        ("coulomb_friction", &[friction]) => vec![("stribeck_friction", vec![friction, 1.2 * friction, speed.max(1e-6) / 8.0, 2.0])],
         // A loop of force F and length l rises by F / l where it begins.
         ("cable_hysteresis", &[_, _, force, length, damping]) => {
-            Some(("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, speed.max(1e-6) / 8.0]))
+            vec![("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, speed.max(1e-6) / 8.0])]
         }
-        ("presliding_hysteresis", &[stiffness, damping, friction, ..]) => {
+        // Bristles that are too stiff to be seen are none.
+        ("presliding_hysteresis", &[stiffness, damping, friction, static_friction, velocity]) => {
             let small = 0.1 * friction / view.way().max(1e-6);
-            Some(("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]))
+            vec![
+                ("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]),
+                ("stribeck_friction", vec![friction, static_friction, velocity, 2.0]),
+            ]
         }
         // A late input and a late stamp are one lateness.
-        ("transport_delay", &[delay]) => Some(("clock_skew", vec![delay])),
-        ("clock_skew", &[skew]) if skew > 0.0 => Some(("transport_delay", vec![skew])),
-        // A point of mass m at p from an axis a, in gravity g, pulls by -m (p . u cos q + p . (u x a) sin q), u = g x a.
-        ("hinge_tilt", &[amplitude, phase]) if view.turns => {
-            let a = nalgebra::Vector3::from(view.axis);
-            let u = nalgebra::Vector3::from(view.gravity).cross(&a);
-            let side = u.try_normalize(0.1)?;
-            let way = -(side * phase.sin() + side.cross(&a) * phase.cos()) * amplitude.signum();
-            let center = nalgebra::Vector3::from(view.p_LoLcm);
-            let reach = (center - a * a.dot(&center)).norm().max(0.05);
-            let p = reach * way;
-            Some(("payload", vec![amplitude.abs() / (u.norm() * reach), p.x, p.y, p.z]))
-        }
-        _ => None,
+        ("transport_delay", &[delay]) => vec![("clock_skew", vec![delay])],
+        ("clock_skew", &[skew]) if skew > 0.0 => vec![("transport_delay", vec![skew])],
+        ("hinge_tilt", &[amplitude, phase]) if view.turns => payload_that_pulls_so(amplitude, phase, view).into_iter().collect(),
+        _ => Vec::new(),
     }
+}
+
+/// A point of mass m at p from an axis a, in gravity g, pulls by -m (p . u cos q + p . (u x a) sin q), u = g x a.
+fn payload_that_pulls_so(amplitude: f64, phase: f64, view: &JointView) -> Option<(&'static str, Vec<f64>)> {
+    let a = nalgebra::Vector3::from(view.axis);
+    let u = nalgebra::Vector3::from(view.gravity).cross(&a);
+    let side = u.try_normalize(0.1)?;
+    let way = -(side * phase.sin() + side.cross(&a) * phase.cos()) * amplitude.signum();
+    let center = nalgebra::Vector3::from(view.p_LoLcm);
+    let reach = (center - a * a.dot(&center)).norm().max(0.05);
+    let p = reach * way;
+    Some(("payload", vec![amplitude.abs() / (u.norm() * reach), p.x, p.y, p.z]))
 }
 
 /// What decides which effects data can show on a joint.
