@@ -91,10 +91,12 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "soft_close_damper" => (2..20).map(|i| vec![2.0 * f / v, low + 0.05 * f64::from(i) * r, 0.5 * f / r]).collect(),
         "hard_stop" => {
             let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
-            // At the ends of the motion; a soft one also where the force is.
-            let ends = [vec![k, 0.1 * k, high - 0.01 * r, 1.0], vec![k, 0.1 * k, low + 0.01 * r, -1.0]];
+            // At the ends of the motion, or as far before them as it takes to stop a joint; a soft one also where the force is.
+            let end = |depth: f64, k: f64| [vec![k, 0.1 * k, high - depth, 1.0], vec![k, 0.1 * k, low + depth, -1.0]];
+            let stopped = [0.03 * r, 0.1 * r, 0.25 * r].into_iter().flat_map(|depth| end(depth, m * (v / depth).powi(2)));
+            let ends = end(0.01 * r, k).into_iter().chain(stopped);
             let amid = places.iter().flat_map(|p| [1.0, -1.0].map(|side| vec![4.0 * f / r, 2.0 * f / v, *p, side]));
-            ends.into_iter().chain(amid).collect()
+            ends.chain(amid).collect()
         }
         // The encoder is on the link unless the model says so.
         "backlash" => {

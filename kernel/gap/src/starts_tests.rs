@@ -51,6 +51,19 @@ fn a_soft_stop_amid_the_motion_is_begun_where_its_force_is() {
     }
 }
 
+/// Another effect's valley is nearer than a stop that a joint sinks a third of its way into, if none is begun there.
+#[test]
+fn a_stop_is_begun_as_far_before_the_end_as_it_takes_to_stop_the_joint() {
+    let begun = starts("hard_stop", &view());
+    for depth in [0.02, 0.1, 0.3, 0.5] {
+        let near = begun.iter().any(|v| {
+            let (sinks, pushes) = (1.0 - v[2], v[0] * (1.0 - v[2]).powi(2));
+            v[3] == 1.0 && (0.4..2.5).contains(&(sinks / depth)) && pushes > 0.5 * 0.02 * 0.5 * 0.5
+        });
+        assert!(near, "{depth}: {begun:?}");
+    }
+}
+
 #[test]
 fn a_payload_beside_the_links_center_is_begun_near() {
     let view = view();
