@@ -249,8 +249,11 @@ impl<'a> Search<'a> {
             let (Some(j), Some(entry)) = (c.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else { return Vec::new() };
             let Ok((_, values)) = effects::parameters_of(&entry) else { return Vec::new() };
             let begin = |(name, values): (&'static str, Vec<f64>)| {
-                let hypothesis = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
-                first(name, c.joint, hypothesis.confined(base.hypothesis.x.len(), views[j].range, views[j].way()))
+                let n = base.hypothesis.x.len();
+                let mut begun = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
+                // Without any effect the known numbers were led astray; beside this one they are where they will be beside its neighbour.
+                begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
+                first(name, c.joint, begun.confined(n, views[j].range, views[j].way()))
             };
             neighbours(c.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
         };

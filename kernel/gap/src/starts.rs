@@ -196,7 +196,9 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
         ("coulomb_friction", &[friction]) => vec![("stribeck_friction", vec![friction, 1.2 * friction, speed.max(1e-6) / 8.0, 2.0])],
         // A loop of force F and length l rises by F / l where it begins.
         ("cable_hysteresis", &[_, _, force, length, damping]) => {
-            vec![("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, speed.max(1e-6) / 8.0])]
+            let begun = |velocity: f64| ("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, velocity]);
+            // A peak of a friction that is passed too fast to be seen, and two that are seen.
+            [30.0, 8.0, 2.5].map(|share| begun(speed.max(1e-6) / share)).into()
         }
         // Bristles that are too stiff to be seen are none.
         ("presliding_hysteresis", &[stiffness, damping, friction, static_friction, velocity]) => {
