@@ -85,6 +85,29 @@ fn a_late_clock_begins_where_the_late_input_that_imitates_it_ended() {
     assert_eq!(neighbours("clock_skew", &[-0.0213], &view()), []);
 }
 
+/// Its own starts may end in a valley that lies above the one friction that it holds, and above the bristles that hold it.
+#[test]
+fn a_friction_that_falls_with_speed_begins_where_its_neighbours_ended() {
+    let of = |effect: &str, values: &[f64]| -> Vec<Vec<f64>> {
+        let all = neighbours(effect, values, &view()).into_iter();
+        all.filter(|n| n.0 == "stribeck_friction").map(|n| n.1).collect()
+    };
+    assert_eq!(of("presliding_hysteresis", &[4e4, 50.0, 0.06, 0.15, 0.2]), [[0.06, 0.15, 0.2, 2.0]]);
+    let level = of("coulomb_friction", &[0.09]).remove(0);
+    assert!(level[0] == 0.09 && level[1] > level[0], "{level:?}");
+}
+
+/// A loop says nothing of the speed at which a friction falls.
+#[test]
+fn bristles_begin_at_several_speeds_where_a_loop_ended() {
+    let speeds: Vec<f64> = neighbours("cable_hysteresis", &[0.1, 0.2, 0.07, 0.016, 0.003], &view())
+        .into_iter()
+        .filter(|n| n.0 == "presliding_hysteresis" && (n.1[0] - 0.07 / 0.016).abs() < 1e-9)
+        .map(|n| n.1[4])
+        .collect();
+    assert!(speeds.len() > 2 && speeds[0] < 0.05 * view().speed && speeds[2] > 0.3 * view().speed, "{speeds:?}");
+}
+
 /// Gravity pulls a payload as a tilt does: that is where its fit begins once a tilt's has ended.
 #[test]
 fn a_payload_begins_where_it_pulls_as_the_tilt_that_imitates_it() {
