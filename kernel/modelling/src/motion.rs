@@ -31,7 +31,10 @@ pub(crate) fn agree(drawers: &mut [&mut Motion]) {
         return;
     }
     shut.sort_by(f64::total_cmp);
-    let plane = shut[(shut.len() - 1) / 2];
+    // Of many drawers one is shut, most likely. Where some others say that they shut where the rearmost front stands, all do.
+    let rearmost = drawers.iter().filter_map(|m| m.front).fold(f64::INFINITY, f64::min);
+    let there = shut.iter().filter(|s| (**s - rearmost).abs() < SHUT).count();
+    let plane = if there > 1 && 4 * there >= shut.len() { rearmost } else { shut[(shut.len() - 1) / 2] };
     for m in drawers {
         let Some(front) = m.front.filter(|f| (f - m.state - plane).abs() > ONE_FRONT) else { continue };
         m.state = if front - plane > SHUT { front - plane } else { 0.0 };

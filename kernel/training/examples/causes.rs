@@ -1,13 +1,13 @@
 //! Why a true part is not found whole, by category and state: the first thing that goes wrong on the way from cloud to joint.
 //!
-//! `cargo run --release -p sagci-training --example causes -- WEIGHTS OBJECTS SEED [each] [held_out] [CATEGORY]`
+//! `cargo run --release -p sagci-training --example causes -- WEIGHTS OBJECTS SEED [each] [held_out] [sparse|perfect|bad] [CATEGORY]`
 #![allow(missing_docs, clippy::print_stdout, clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use sagci_furniture::{Category, Kind, Labelled, Look, Random, families, look};
+use sagci_furniture::{Category, Kind, Labelled, Look, Noise, Random, families, look};
 use sagci_modelling::{Perceived, Side, Weights, analyse, perceive};
 
 /// In the order in which they are looked for.
@@ -29,13 +29,14 @@ fn main() {
     let (objects, seed) = (number(1, 30), number(2, 4242));
     let each = arguments.iter().any(|a| a == "each");
     let held_out = arguments.iter().any(|a| a == "held_out");
+    let camera = arguments.iter().map(String::as_str).find(|a| matches!(*a, "sparse" | "perfect" | "bad")).unwrap_or_default();
     let only = arguments.iter().find(|a| Category::ALL.iter().any(|c| c.name() == a.as_str()));
     let asked: Vec<(Category, u64)> =
         Category::ALL.into_iter().filter(|c| only.is_none_or(|o| o == c.name())).flat_map(|c| (0..objects).map(move |n| (c, n))).collect();
     let all: Vec<(Category, Vec<Told>, Masks)> = asked
         .into_par_iter()
         .map(|(c, n)| {
-            let (told, masks) = one(c, n, (seed, held_out), &weights);
+            let (told, masks) = one(c, n, (seed, held_out, camera), &weights);
             (c, told, masks)
         })
         .collect();
@@ -116,12 +117,19 @@ fn masks(cloud: &Labelled, parts: usize, found: Option<&Perceived>) -> Masks {
     all
 }
 
-fn one(category: Category, index: u64, (seed, held_out): (u64, bool), weights: &Weights) -> (Vec<Told>, Masks) {
+fn one(category: Category, index: u64, (seed, held_out, camera): (u64, bool, &str), weights: &Weights) -> (Vec<Told>, Masks) {
     let mut random = Random::new(seed.wrapping_mul(1009).wrapping_add(index), category.name());
     let of = families(category, held_out);
     let family = of[index as usize % of.len()];
     let object = family.draw(&mut random);
-    let cloud = look(&object, &Look::draw(&mut random), &mut random);
+    let mut how = Look::draw(&mut random);
+    match camera {
+        "sparse" => how.points = 2048,
+        "perfect" => how.noise = Noise::NONE,
+        "bad" => how.noise = how.noise.times(2.0),
+        _ => (),
+    }
+    let cloud = look(&object, &how, &mut random);
     let Ok(analyses) = analyse(&cloud.points) else { return Default::default() };
     let out = cloud.X_WF.rotation * Vector3::x();
     let off = |a: &sagci_modelling::Analysis| (0..4).map(|q| Side::new(a, q).front().dot(&out)).fold(-1.0, f64::max);
