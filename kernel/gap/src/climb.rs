@@ -98,7 +98,7 @@ impl<'a> Climb<'a> {
             if self.holds_small && !with_small {
                 return Ok(false);
             }
-            self.shorten_steps()?;
+            self.shorten_steps(ascent);
         }
         let Self { search, scale, .. } = self;
         let scale = *scale;
@@ -116,14 +116,20 @@ impl<'a> Climb<'a> {
         Ok(true)
     }
 
-    /// Steps as short as what the names leave asks for.
-    fn shorten_steps(&mut self) -> Result<(), GapError> {
-        self.scale = self.search.scale(&self.current);
-        if self.search.shorten_steps(&self.current, self.scale)? {
-            self.base = self.search.refit(&self.base, self.scale)?;
-            self.current = self.search.refit(&self.current, self.scale)?;
+    /// Steps as short as what the names leave asks for. Where the model cannot be simulated in these, it stays as it is.
+    fn shorten_steps(&mut self, ascent: &Ascent<'_>) {
+        let scale = self.search.scale(&self.current);
+        let mut finer = self.search.clone();
+        let refitted = finer.shorten_steps(&self.current, scale).and_then(|shorter| {
+            let again = || Ok((finer.refit(&self.base, scale)?, finer.refit(&self.current, scale)?));
+            shorter.then(again).transpose()
+        });
+        self.scale = scale;
+        match refitted {
+            Ok(None) => (),
+            Ok(Some((base, current))) => (self.search, self.base, self.current) = (finer, base, current),
+            Err(error) => (ascent.say)(&format!("  shorter steps were left out: {error}")),
         }
-        Ok(())
     }
 
     /// Names one more; none if none is there.
