@@ -20,6 +20,9 @@ const TRIED: usize = 3;
 const RIVALS: usize = 2;
 const NEARLY: f64 = 0.8;
 
+/// Share of what the names before it make that a second one needs, if it is small: by as much the shape of a name may be off.
+const TENTH: f64 = 0.1;
+
 /// What is asked, and who hears of it.
 pub(crate) struct Ascent<'a> {
     pub model: &'a ObjectModel,
@@ -42,12 +45,24 @@ pub(crate) struct Climb<'a> {
     pub lost: Vec<(&'static str, f64)>,
     /// A force without a name says more than the best name that was left.
     pub nameless_won: bool,
-    /// Holds a force below what any model is off by: as likely the shape of another name as an effect.
+    /// Holds a force that is too small for a second name: as likely the shape of another name as an effect.
     holds_small: bool,
+    /// Some names make less than any model is off by: they are there for what they add up to over windows, and rows tell little of their numbers.
+    pub adds_up: bool,
     /// The likeliest, where a plainer one was put before it.
     passed: Option<Vec<Candidate>>,
     /// Where it stood when the first name was to be chosen, among which.
     first: Option<Box<First<'a>>>,
+}
+
+/// A name that is there.
+struct There {
+    /// Fitted to its own end.
+    settled: Fit,
+    /// Its force is below what any model is off by: it is there for what it adds up to.
+    adds_up: bool,
+    /// And small beside the names before it.
+    small: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -66,7 +81,7 @@ impl<'a> Climb<'a> {
         let scale = search.scale(&base);
         let current = base.clone();
         let (chosen, lost) = (Vec::new(), Vec::new());
-        Self { search, base, current, scale, chosen, lost, nameless_won: false, holds_small: false, passed: None, first: None }
+        Self { search, base, current, scale, chosen, lost, nameless_won: false, holds_small: false, adds_up: false, passed: None, first: None }
     }
 
     /// Names what is there.
@@ -105,7 +120,9 @@ impl<'a> Climb<'a> {
         // A plainer name that leaves a force over gives way to the likeliest, if that does not.
         if let ([_], true) = (self.chosen.as_slice(), search.leaves_a_force(&self.current, scale)?)
             && let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
-            && search.evidence(&alone, scale) > search.evidence(&self.current, scale) + CONVINCING
+            && let gain = search.evidence(&alone, scale) - search.evidence(&self.current, scale)
+            && gain > CONVINCING
+            && search.takes_the_place(ascent.model, &alone, &self.current, gain, ascent.window)
             && !search.leaves_a_force(&alone, scale)?
             && let Some(last) = self.chosen.pop()
         {
@@ -113,6 +130,7 @@ impl<'a> Climb<'a> {
             self.chosen.push(last.giving_way_to(search, &instead, scale));
             self.current = alone;
         }
+        self.take_apart(ascent)?;
         Ok(true)
     }
 
@@ -170,19 +188,19 @@ impl<'a> Climb<'a> {
         }));
         let (mut found, mut asked) = (None, false);
         for i in turn {
-            found = self.is_there(&candidates[i], here, ascent, &mut asked)?.map(|(settled, small)| (i, settled, small));
+            found = self.is_there(&candidates[i], here, ascent, &mut asked)?.map(|there| (i, there));
             if found.is_some() {
                 break;
             }
         }
-        let Some((first, settled, small)) = found else {
+        let Some((first, There { settled, adds_up, small })) = found else {
             self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             self.lost = beside(&candidates, here);
             return Ok(false);
         };
         candidates[..=first].rotate_right(1);
         let best = &candidates[0];
-        // A force below what any model is off by is no second name: beside the first it is what the shape of that is off by. Where the likeliest
+        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by. Where the likeliest
         // alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without it is one.
         if small && !self.brings_near(&settled, ascent) {
             if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
@@ -205,13 +223,14 @@ impl<'a> Climb<'a> {
         self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
         self.current = settled;
         self.holds_small |= small;
+        self.adds_up |= adds_up;
         self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
         Ok(true)
     }
 
-    /// A candidate fitted to its own end, if it is there, and whether its force is too small for a second name. `asked` says whether another was
+    /// A candidate, if it is there. `asked` says whether another was
     /// looked for beside one of its rivals: that is a search of its own, and made for each of them most of the work on data that no model fits.
-    fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>, asked: &mut bool) -> Result<Option<(Fit, bool)>, GapError> {
+    fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>, asked: &mut bool) -> Result<Option<There>, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let (search, scale, current) = (&self.search, self.scale, &self.current);
         let gain = candidate.evidence - here;
@@ -232,8 +251,13 @@ impl<'a> Climb<'a> {
             *asked = true;
             there = self.shows_with_another(&settled, ascent)?;
         }
-        let small = !self.chosen.is_empty() && force < MATERIAL && together < MATERIAL;
-        Ok(there.then_some((settled, small)))
+        if !there {
+            return Ok(None);
+        }
+        let largest = force.max(together);
+        let adds_up = largest < MATERIAL;
+        let small = adds_up && !self.chosen.is_empty() && largest < TENTH * search.force_between(&self.base, current)?;
+        Ok(Some(There { settled, adds_up, small }))
     }
 
     /// Are windows far off, and much less so by a fit?

@@ -97,7 +97,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let ascent = Ascent { model, window: options.window, seed: options.seed, say: &say };
     let mut climb = Climb::new(search, base).finish(&ascent)?;
     climb.look_again(&ascent)?;
-    let Climb { mut search, base, mut current, mut scale, chosen, lost, nameless_won, .. } = climb;
+    let Climb { mut search, base, mut current, mut scale, chosen, lost, nameless_won, adds_up, .. } = climb;
 
     say("fitting to the end");
     let settled = search.problem.clone();
@@ -134,7 +134,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     };
     settled.heed_unseen()?;
     settled.current = settled.current.with_sines_wrapped();
-    let (mut told, mut is_far) = (None, false);
+    let (mut told, mut why) = (None, None);
     if !settled.chosen.is_empty() {
         say("following what the data hardly tell");
         match search.followed(&settled.current, settled.scale, &measure) {
@@ -142,15 +142,17 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             Err(error) => notes.push(format!("what the data hardly tell was not followed: {error}")),
         }
         let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
-        is_far = !search.many_joints() && own.is_far(&fit.hypothesis, options.seed);
+        why = match !search.many_joints() {
+            true if own.is_far(&fit.hypothesis, options.seed) => Some("the model stays far from the data over windows of time"),
+            true if adds_up => Some("some effects are too small to be told from row to row and are told by what they add up to over many"),
+            _ => None,
+        };
     }
-    if is_far {
+    if let Some(why) = why {
         say("fitting what is predicted over windows");
         match settled.over_windows(told.clone(), &own) {
             Ok(over) => {
-                notes.push(
-                    "the model stays far from the data over windows of time, so its numbers are those that predict these best".into(),
-                );
+                notes.push(format!("{why}, so the numbers are those that predict windows of time best"));
                 told = over;
             }
             Err(error) => {
@@ -168,7 +170,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         || predict(told.as_ref().map_or(&settled.current, |t| &t.fit)),
         || {
             if options.baselines {
-                baselines(&search, &measure, &refitted, settled.scale, options.seed, is_far.then_some(&own))
+                baselines(&search, &measure, &refitted, settled.scale, options.seed, why.map(|_| &own))
             } else {
                 BTreeMap::new()
             }

@@ -3,6 +3,7 @@
 
 mod alike;
 mod baselines;
+mod between;
 mod chart;
 mod choice;
 #[cfg(test)]

@@ -61,11 +61,15 @@ fn what_pulls_a_real_cabinet_shut_is_named_with_its_place() {
     assert!(found.gap.train.after < 0.2 * found.gap.train.refitted, "{} of {}", found.gap.train.after, found.gap.train.refitted);
 }
 
-/// A light pendulum on ball bearings: it loses by speed, and its swing is predicted to what noise leaves.
+/// A light pendulum on ball bearings: dry friction, and a loss that grows with speed. Alone, viscous friction comes near both. Fitted to whole swings
+/// beside dry friction by other means it is negative, and drag is not.
 #[test]
-fn what_slows_a_real_pendulum_is_named_and_predicts_another_swing() {
-    let found = answer("uw_pendulum", &["swing_1", "swing_2", "swing_3"], &["swing_4"]);
-    assert!(names(&found).contains(&"viscous_friction"), "{:?}", names(&found));
-    let gap = found.gap.held_out.as_ref().unwrap();
-    assert!(gap.after < 0.2 * gap.refitted && gap.after < 1.5 * gap.noise_floor, "{gap:?}");
+fn what_slows_a_real_pendulum_is_named_and_predicts_a_swing_of_another_size() {
+    let swings = ["swing_1", "swing_2", "swing_3", "swing_4"];
+    for (held_out, train) in [("swing_4", &swings[..3]), ("swing_1", &swings[1..])] {
+        let found = answer("uw_pendulum", train, &[held_out]);
+        assert_eq!(names(&found), ["coulomb_friction", "quadratic_drag"], "{held_out}");
+        let gap = found.gap.held_out.as_ref().unwrap();
+        assert!(gap.after < 0.1 * gap.refitted && gap.after < gap.noise_floor, "{held_out}: {gap:?}");
+    }
 }
