@@ -28,7 +28,8 @@ impl Climb<'_> {
                 && search.takes_the_place(ascent.model, &two, &self.current, gain, ascent.window)
         };
         // A row shows little of a loss, and many swings all of it.
-        let adds_up = || two.judged < self.current.judged && search.left_of_gap(ascent.model, &self.current, &two, SWINGS * ascent.window) < FALL;
+        let adds_up =
+            || two.judged < self.current.judged && search.left_of_gap(ascent.model, &self.current, &two, SWINGS * ascent.window) < FALL;
         if !says_more() && !adds_up() {
             return Ok(());
         }

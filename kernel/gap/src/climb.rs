@@ -81,7 +81,19 @@ impl<'a> Climb<'a> {
         let scale = search.scale(&base);
         let current = base.clone();
         let (chosen, lost) = (Vec::new(), Vec::new());
-        Self { search, base, current, scale, chosen, lost, nameless_won: false, holds_small: false, adds_up: false, passed: None, first: None }
+        Self {
+            search,
+            base,
+            current,
+            scale,
+            chosen,
+            lost,
+            nameless_won: false,
+            holds_small: false,
+            adds_up: false,
+            passed: None,
+            first: None,
+        }
     }
 
     /// Names what is there.
