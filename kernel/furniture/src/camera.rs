@@ -52,7 +52,7 @@ pub struct Hit {
 }
 
 /// Distance along a ray to a solid, in units of the direction's length, and the normal there.
-fn meet(solid: &Solid, from: &Point3<f64>, along: &Vector3<f64>, inverse: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
+pub(crate) fn meet(solid: &Solid, from: &Point3<f64>, along: &Vector3<f64>, inverse: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
     let c = solid.center - from;
     let (mut enter, mut leave, mut side) = (0.0_f64, f64::INFINITY, usize::MAX);
     for k in 0..3 {

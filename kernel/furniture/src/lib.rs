@@ -15,6 +15,7 @@
 mod camera;
 mod carcass;
 mod cloud;
+mod even;
 mod family;
 mod front;
 mod handle;
@@ -24,6 +25,7 @@ mod random;
 
 pub use camera::{Camera, Hit, cast};
 pub use cloud::{Labelled, Look, Seen, look, look_with};
+pub use even::{Even, evenly};
 pub use family::{FAMILIES, Family, STILL, families};
 pub use noise::Noise;
 pub use object::{Category, Class, Form, Joint, Kind, Object, Part, Solid};

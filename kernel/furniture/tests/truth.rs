@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use sagci_furniture::{Camera, Category, Class, FAMILIES, Form, Kind, Look, Noise, Random, cast, families, look};
+use sagci_furniture::{
+    Camera, Category, Class, Even, FAMILIES, Form, Kind, Labelled, Look, Noise, Object, Random, Solid, cast, evenly, families, look,
+};
 
 fn exact(views: usize) -> Look {
     Look { views, width: 120, points: usize::MAX, near: 1.0, around: false, surroundings: false, noise: Noise::NONE }
@@ -34,31 +36,54 @@ fn every_joint_opens_away_from_the_body() {
     }
 }
 
+/// Is each point on a solid of its part?
+fn on_their_parts(object: &Object, cloud: &Labelled) -> bool {
+    let poses = object.X_FP();
+    cloud.points.iter().zip(&cloud.part).all(|(p, part)| {
+        let p_P = poses[*part as usize].inverse() * (cloud.X_WF.inverse() * p);
+        object.parts[*part as usize].solids.iter().any(|s| {
+            let d = (p_P - s.center).abs();
+            let inside = (0..3).all(|k| d[k] < s.half[k] + 1e-6);
+            let border = match s.form {
+                Form::Box => (0..3).any(|k| d[k] > s.half[k] - 1e-6),
+                Form::Cylinder(a) => {
+                    let r = d[(a + 1) % 3].hypot(d[(a + 2) % 3]);
+                    r < s.half[(a + 1) % 3] + 1e-6 && (r > s.half[(a + 1) % 3] - 1e-6 || d[a] > s.half[a] - 1e-6)
+                }
+            };
+            inside && border
+        })
+    })
+}
+
 #[test]
 fn without_noise_every_point_lies_on_the_part_it_is_told_to() {
     for family in FAMILIES {
         let mut random = Random::new(7, family.name);
         let object = family.draw(&mut random);
         let cloud = look(&object, &exact(1), &mut random);
-        let poses = object.X_FP();
         assert!(cloud.points.len() > 500, "{} is hardly seen", family.name);
-        for (p, part) in cloud.points.iter().zip(&cloud.part) {
-            let p_P = poses[*part as usize].inverse() * (cloud.X_WF.inverse() * p);
-            let on = object.parts[*part as usize].solids.iter().any(|s| {
-                let d = (p_P - s.center).abs();
-                let inside = (0..3).all(|k| d[k] < s.half[k] + 1e-6);
-                let border = match s.form {
-                    Form::Box => (0..3).any(|k| d[k] > s.half[k] - 1e-6),
-                    Form::Cylinder(a) => {
-                        let r = d[(a + 1) % 3].hypot(d[(a + 2) % 3]);
-                        r < s.half[(a + 1) % 3] + 1e-6 && (r > s.half[(a + 1) % 3] - 1e-6 || d[a] > s.half[a] - 1e-6)
-                    }
-                };
-                inside && border
-            });
-            assert!(on, "{}: a point of part {part} is off its surface", family.name);
-        }
+        assert!(on_their_parts(&object, &cloud), "{}: a point is off its part's surface", family.name);
+        let even = evenly(&object, &Even { views: 2, points: 4000, noise: 0.0 }, &mut random);
+        assert!(even.points.len() > 500 && on_their_parts(&object, &even), "{}: a point is off its part's surface", family.name);
     }
+}
+
+#[test]
+fn what_is_sampled_evenly_is_as_dense_on_faces_that_are_seen_askew() {
+    let mut object = FAMILIES[0].draw(&mut Random::new(1, "block"));
+    object.joints.clear();
+    object.parts.truncate(1);
+    // A small block within does not show.
+    let within = Solid::between([-0.1, -0.1, 0.1], [0.1, 0.1, 0.2]);
+    object.parts[0].solids = vec![Solid::between([-0.3, -0.2, 0.0], [0.3, 0.2, 0.5]), within];
+    let cloud = evenly(&object, &Even { views: 1, points: 20_000, noise: 0.0 }, &mut Random::new(5, "block"));
+    assert_eq!(cloud.points.len(), 20_000);
+    let places: Vec<Point3<f64>> = cloud.points.iter().map(|p| cloud.X_WF.inverse() * p).collect();
+    let on = |f: &dyn Fn(&Point3<f64>) -> bool, area: f64| places.iter().filter(|p| f(p)).count() as f64 / area;
+    let (front, top) = (on(&|p| p.x > 0.3 - 1e-9, 0.4 * 0.5), on(&|p| p.z > 0.5 - 1e-9, 0.6 * 0.4));
+    assert!((front / top - 1.0).abs() < 0.1, "{front} and {top} points a square metre");
+    assert!(places.iter().all(|p| p.x > -0.3 + 1e-9 && p.z > 1e-9), "a side that is turned away is seen");
 }
 
 #[test]
