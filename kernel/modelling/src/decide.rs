@@ -6,6 +6,7 @@ use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
 use crate::border::{Asked, Thought, ask, first_labels, relabelled, split};
 use crate::candidate::{Candidate, FARTHEST};
+use crate::evidence;
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
@@ -69,6 +70,8 @@ pub(crate) struct Decision {
     pub(crate) body_confidence: f64,
     /// Probability of the most likely part that was not taken for one.
     pub(crate) doubt: f64,
+    /// Of what was taken for parts and given up since nothing says that any of it moves: the greatest probability that it does.
+    pub(crate) unproven: Option<f64>,
     /// Share of points on walls along the axes of the object's box.
     pub(crate) walled: f64,
     /// Direction out of the front, in W.
@@ -83,6 +86,11 @@ const DOUBT: f64 = 0.1;
 /// Furniture is made of walls, however its doors stand: where fewer points than this share lie on any, the network is not asked about
 /// parts. It has learned from furniture alone, and would see panels in a ball. Of the furniture that is trained on none has less than .82.
 pub(crate) const WALLED: f64 = 0.7;
+
+/// What was found is given up where none of it is a part that moves with this probability, still things being as usual as furniture, and no part
+/// has a seam around it that is as clear as this, in standard deviations. Far less than one half: a lid or a door that is shut flush shows little.
+const PROVEN: f64 = 0.2;
+const SEAM: f64 = 0.25;
 
 /// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
 struct Seen<'a> {
@@ -373,6 +381,8 @@ struct Ended {
     label: Vec<Option<u32>>,
     /// What is asked about the body and the parts, how far they are to be trusted.
     trust: Matrix,
+    /// What is asked about the parts, whether anything says that they move.
+    evidence: Matrix,
 }
 
 impl Ended {
@@ -391,7 +401,10 @@ impl Ended {
         let share: Vec<[f64; CLASSES]> = groups.iter().map(|own| shares(&first.classes, own, &points)).collect();
         let promise = kept.iter().map(|g| first.promises[*g][0]).collect();
         let trust = trusted(first, analysis, &kept, &label, &expected);
-        Ok(Self { fine, groups, pieces, share, promise, label, trust })
+        let promises: Vec<[f64; 2]> = kept.iter().map(|g| first.promises[*g]).collect();
+        let known = Known { odds: &first.odds, classes: &first.classes, points: &points };
+        let evidence = evidence::rows(&first.seen.side.posed, &groups, &promises, &known);
+        Ok(Self { fine, groups, pieces, share, promise, label, trust, evidence })
     }
 }
 
@@ -432,6 +445,8 @@ fn trusted(first: &First<'_>, analysis: &Analysis, kept: &[usize], label: &[Opti
 pub struct Ends {
     /// Of the body and each part a row of features, how far it is to be trusted.
     pub trust: Matrix,
+    /// Of each part a row of features, what says that it moves.
+    pub evidence: Matrix,
     /// Of each input point its part from 1; 0 the body.
     pub label_of_input: Vec<Option<u32>>,
 }
@@ -447,7 +462,7 @@ impl Ends {
         let analysis = &analyses[first.index];
         let ended = Ended::of(&first, analysis, &mut plain)?;
         let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
-        Ok(Self { trust: ended.trust, label_of_input })
+        Ok(Self { trust: ended.trust, evidence: ended.evidence, label_of_input })
     }
 }
 
@@ -465,10 +480,22 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut plain = Plain { weights: &weights.matrices };
     let first = First::of(analyses, &mut plain)?;
     let analysis = &analyses[first.index];
-    let Ended { fine, groups, pieces, share, promise, label, trust } = Ended::of(&first, analysis, &mut plain)?;
+    let Ended { fine, mut groups, mut pieces, share, promise, mut label, trust, evidence } = Ended::of(&first, analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
     let trust = network.trust(trust)?;
-    let confidence = |k: usize| 1.0 / (1.0 + f64::from(-trust[k]).exp());
+    let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
+    let confidence = |k: usize| likely(trust[k]);
+    let mut unproven = None;
+    if !groups.is_empty() {
+        let moves = network.evidence(evidence)?.iter().copied().map(likely).fold(0.0, f64::max);
+        let seam = groups.iter().map(|g| evidence::seam(&first.seen.side.posed, g)).fold(0.0, f64::max);
+        if moves < PROVEN && seam < SEAM {
+            unproven = Some(moves);
+            groups.clear();
+            pieces.clear();
+            label.iter_mut().flatten().for_each(|l| *l = 0);
+        }
+    }
     let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
@@ -483,8 +510,8 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut drawers: Vec<&mut Motion> =
         parts.iter_mut().filter_map(|p: &mut Moving| p.motions.first_mut()).filter(|m| m.front.is_some()).collect();
     agree(&mut drawers);
-    let body_confidence = confidence(0);
-    let decision = Decision { parts, body_confidence, doubt: first.doubt, walled: first.walled, front: side.front() };
+    let body_confidence = unproven.map_or_else(|| confidence(0), |moves| 1.0 - moves);
+    let decision = Decision { parts, body_confidence, doubt: first.doubt, unproven, walled: first.walled, front: side.front() };
     drop(side);
     Ok(Decided { analysis: fine, label, decision })
 }

@@ -7,7 +7,7 @@
 //! candidate joints it moves by. Candidates come from geometry: hinges at the two ends of the part's section, slides along its
 //! normal. So an axis is chosen among a few that can be, and only a small residual of its place is regressed. Which pieces are one part is
 //! asked of whole groups ([`MASK`]), and each point near a part by itself: superpoints know only such ends of parts as show as gaps. Last
-//! it is asked how far parts are to be trusted ([`perceive()`]).
+//! it is asked how far parts are to be trusted, and whether anything says that they move ([`EVIDENCE`], [`perceive()`]).
 //!
 //! After the paper's first stage (Lv et al., "Environment Initial Modeling"): segmentation into K parts, pairwise joint
 //! relation J and its spatial description C, a greedy directed tree. Furniture's parts hang in the body, so the tree's edges lead
@@ -22,6 +22,7 @@ mod border;
 mod candidate;
 mod decide;
 mod error;
+mod evidence;
 mod feature;
 mod frame;
 mod grid;
@@ -49,6 +50,7 @@ pub use border::BORDER;
 pub use candidate::FARTHEST;
 pub use decide::{Borders, Ends, Groups, PartClass};
 pub use error::ModellingError;
+pub use evidence::EVIDENCE;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};
 pub use lens::Lens;
 pub use mask::MASK;

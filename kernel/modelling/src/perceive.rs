@@ -127,9 +127,14 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
         })
         .collect();
     let rigid = decision.parts.is_empty();
-    let reason = rigid.then(|| match decision.walled < WALLED {
-        true => format!("its surface is not made of walls: only {:.0} % of its points lie on any", 100.0 * decision.walled),
-        false => format!(
+    let reason = rigid.then(|| match decision.unproven {
+        _ if decision.walled < WALLED => {
+            format!("its surface is not made of walls: only {:.0} % of its points lie on any", 100.0 * decision.walled)
+        }
+        Some(moves) => format!(
+            "a face of it could be a shut front, but nothing says so, no gap or step around it, no handle: it moves with a probability of {moves:.2}"
+        ),
+        None => format!(
             "no panel, drawer or lid was found that could move: of {} pieces of surface, the likeliest to be one has a probability of {:.2}",
             analysis.superpoints.len(),
             decision.doubt

@@ -18,6 +18,8 @@ const LEANS: [f64; 3] = [0.0, -0.004, 0.004];
 /// Numbers that tell of the inside of a panel along one direction, and of an edge.
 pub(crate) const INSIDE: usize = 13;
 pub(crate) const EDGE: usize = 5;
+/// The same of a side behind a front.
+pub(crate) const LINE: usize = 8;
 
 type Row = [f32; QUARTERS];
 
@@ -59,10 +61,15 @@ pub(crate) struct Front<'a> {
 impl Sums {
     /// Along direction `k`, for lines that lean.
     fn of(front: &Front<'_>, k: usize, lean: f64) -> Self {
-        let (own, other) = (front.ranges[k], front.ranges[1 - k]);
+        let own = front.ranges[k];
+        Self::between(front, k, lean, (own.0 - MARGIN, own.1 + MARGIN))
+    }
+
+    /// The same from one place to another, and nothing beyond.
+    fn between(front: &Front<'_>, k: usize, lean: f64, (from, to): (f64, f64)) -> Self {
+        let other = front.ranges[1 - k];
         let bin = (0.9 * front.spacing).max(0.003) / FINE as f64;
-        let from = own.0 - MARGIN;
-        let bins = (((own.1 - own.0 + 2.0 * MARGIN) / bin).ceil() as usize).clamp(4, 6000);
+        let bins = (((to - from) / bin).ceil() as usize).clamp(4, 6000);
         let mut sums = Self {
             from,
             bin,
@@ -237,6 +244,52 @@ pub(crate) fn told(front: &Front<'_>, k: usize) -> ([f64; INSIDE], [[f64; EDGE];
     (inside, edges)
 }
 
+/// What is told of a side that lies along a front: how much of it is seen, the clearest line in it, and the clearest step. Direction 0 of
+/// `side` leads out of the front, which ends at zero; lines are looked for so far behind that.
+pub(crate) fn behind(side: &Front<'_>, (far, near): (f64, f64)) -> [f64; LINE] {
+    let sums = Sums::between(side, 0, 0.0, side.ranges[0]);
+    let seen = Sums::total(&sums.flat, 0, sums.bins());
+    let (mut line, mut step) = (Evidence::default(), Evidence::default());
+    for b in sums.bin_of(far)..sums.bin_of(near).saturating_sub(FINE) {
+        let e = sums.evidence(b);
+        if e.score > line.score {
+            line = e;
+        }
+        if e.step[1] > step.step[1] {
+            step = e;
+        }
+    }
+    [
+        (1.0 + seen).log10(),
+        line.score / 4.0,
+        line.least[0],
+        line.least[1],
+        2.0 * line.missing[1],
+        2.0 * line.behind[1],
+        100.0 * step.step[0],
+        step.step[1] / 10.0,
+    ]
+}
+
+/// How clear the clearest line along each end of a panel is, from some way beyond the end to some way within, in standard deviations: a frame is
+/// that wide where a front and what it lies flush in were taken for one panel.
+pub(crate) fn around(front: &Front<'_>, k: usize, (beyond, within): (f64, f64)) -> [f64; 2] {
+    let (low, high) = front.ranges[k];
+    let mut best = [0.0; 2];
+    for lean in LEANS {
+        let sums = Sums::of(front, k, lean);
+        for (end, (from, to)) in [(low - beyond, low + within), (high - within, high + beyond)].into_iter().enumerate() {
+            let (from, to) = (sums.bin_of(from), sums.bin_of(to));
+            for b in from..to.saturating_sub(FINE).max(from) {
+                let e = sums.evidence(b);
+                // All along, or it is a handle's shadow or a hole.
+                best[end] = f64::max(best[end], e.score.min(2.0 * (e.least[0] + e.least[1])));
+            }
+        }
+    }
+    best
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -272,5 +325,32 @@ mod tests {
         let shadow = inside(&panel(|u, v| if (0.24..0.25).contains(&u) && (0.2..0.3).contains(&v) { None } else { Some(0.0) }));
         assert!(seam[1] > 1.0, "least of the quarters {seam:?}");
         assert!(shadow[1] < 0.5 && shadow[0] < 0.7 * seam[0], "{shadow:?}");
+    }
+
+    #[test]
+    fn the_back_of_a_front_shows_on_its_side_as_a_gap_or_as_a_step() {
+        // A side 10 cm deep that ends at a front; what is 2 cm behind that is a gap, or where the side steps out by 4 mm.
+        let side = |seen: &dyn Fn(f64) -> f64| {
+            let places: Vec<[f64; 3]> = panel(|_, _| Some(0.0)).iter().map(|p| [seen(p[1] / 5.0 - 0.1), p[1] / 5.0 - 0.1, p[2]]).collect();
+            behind(&Front { places: &places, ranges: [(-0.1, 0.0), (0.0, 0.5)], thin: 0.006, spacing: 0.004 }, (-0.045, -0.003))
+        };
+        let plain = side(&|_| 0.0);
+        let gap = side(&|t| if (-0.022..-0.018).contains(&t) { -0.03 } else { 0.0 });
+        let step = side(&|t| if t > -0.02 { 0.004 } else { 0.0 });
+        assert!(gap[1] > 2.0 * plain[1] && gap[1] > 0.7 && gap[4] > 0.3 && gap[5] > 0.3, "{gap:?} {plain:?}");
+        assert!((step[6] - 0.4).abs() < 0.05 && step[7] > 1.0 && plain[6].abs() < 0.01, "{step:?} {plain:?}");
+    }
+
+    #[test]
+    fn a_seam_some_way_within_all_edges_is_told_and_a_hole_is_none() {
+        let ends = |places: &[[f64; 3]]| {
+            let front = Front { places, ranges: [(0.0, 0.5), (0.0, 0.5)], thin: 0.006, spacing: 0.007 };
+            [0, 1].map(|k| around(&front, k, (0.01, 0.06))).concat().into_iter().fold(f64::INFINITY, f64::min)
+        };
+        let edge = |t: f64| (0.02..0.025).contains(&t) || (0.475..0.48).contains(&t);
+        let within = |t: f64| (0.02..0.48).contains(&t);
+        let seam = ends(&panel(|u, v| (!(edge(u) && within(v) || edge(v) && within(u))).then_some(0.0)));
+        let hole = ends(&panel(|u, v| (!(edge(u) && (0.2..0.3).contains(&v))).then_some(0.0)));
+        assert!(seam > 1.0 && hole < 0.25, "{seam} {hole}");
     }
 }

@@ -21,6 +21,8 @@ pub(crate) enum Head {
     Border,
     /// How far parts are to be trusted.
     Trust,
+    /// What says that parts move.
+    Evidence,
 }
 
 impl Head {
@@ -30,6 +32,7 @@ impl Head {
             Self::Masks => "mask",
             Self::Border => "border",
             Self::Trust => "trust",
+            Self::Evidence => "evidence",
         }
     }
 
@@ -39,6 +42,7 @@ impl Head {
             Self::Masks => "mask order",
             Self::Border => "border order",
             Self::Trust => "trust",
+            Self::Evidence => "evidence",
         }
     }
 
@@ -47,6 +51,7 @@ impl Head {
             Self::Masks => network.masks(rows),
             Self::Border => network.border(rows),
             Self::Trust => network.trust(rows),
+            Self::Evidence => network.evidence(rows),
         }
     }
 }

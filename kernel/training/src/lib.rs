@@ -8,6 +8,7 @@
 
 mod adam;
 mod border;
+mod evidence;
 mod head;
 mod initial;
 mod lesson;
@@ -26,6 +27,7 @@ use sagci_modelling::network::{Matrix, Weights};
 use serde::Serialize;
 
 pub use border::train_border;
+pub use evidence::train_evidence;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
 pub use mask::train_masks;

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use sagci_modelling::Weights;
-use sagci_training::{Settings, lessons, train, train_border, train_masks, train_trust};
+use sagci_training::{Settings, lessons, train, train_border, train_evidence, train_masks, train_trust};
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
 #[derive(Debug, Parser)]
@@ -36,10 +36,13 @@ struct Arguments {
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end, and
-    /// what is to be trusted.
+    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end,
+    /// what is to be trusted, and what says that parts move.
     #[arg(long, requires = "from")]
     heads: bool,
+    /// Trains nothing but the very last head, anew: what says that parts move.
+    #[arg(long, requires = "from", conflicts_with = "heads")]
+    evidence: bool,
     /// Weights to go on from.
     #[arg(long, value_name = "FILE")]
     from: Option<PathBuf>,
@@ -68,6 +71,7 @@ const ROUNDS: [Settings; 10] = [
 const MASKS: Settings = Settings { seed: 31, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 2e-3, kept: 0.0 };
 const BORDER: Settings = Settings { seed: 21, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 3e-3, kept: 0.0 };
 const TRUST: Settings = Settings { seed: 41, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 2e-3, kept: 0.0 };
+const EVIDENCE: Settings = Settings { seed: 51, objects: 8000, at_once: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 };
 
 impl Arguments {
     /// Was none of the settings given?
@@ -92,7 +96,7 @@ impl Arguments {
 
     /// The rounds that are asked for, the last heads apart.
     fn rounds(&self) -> Vec<Settings> {
-        match (self.heads, self.from.is_none() && self.plain()) {
+        match (self.heads || self.evidence, self.from.is_none() && self.plain()) {
             (true, _) => Vec::new(),
             (false, true) => ROUNDS.to_vec(),
             (false, false) => vec![self.settings(ROUNDS[0])],
@@ -136,11 +140,15 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
         eprintln!("{}: {} bytes", a.out.display(), bytes.len());
         weights = Some(trained);
     }
-    if let (true, Some(from)) = (a.heads || a.from.is_none() && a.plain(), weights) {
+    let heads = a.heads || a.from.is_none() && a.plain();
+    if let (true, Some(mut made)) = (heads || a.evidence, weights) {
         let mut log = |line: &str| eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
-        let mut made = train_masks(&a.settings(MASKS), &from, &mut log)?;
-        made = train_border(&a.settings(BORDER), &made, &mut log)?;
-        made = train_trust(&a.settings(TRUST), &made, &mut log)?;
+        if heads {
+            made = train_masks(&a.settings(MASKS), &made, &mut log)?;
+            made = train_border(&a.settings(BORDER), &made, &mut log)?;
+            made = train_trust(&a.settings(TRUST), &made, &mut log)?;
+        }
+        made = train_evidence(&a.settings(EVIDENCE), &made, &mut log)?;
         std::fs::write(&a.out, made.to_bytes()?)?;
     }
     Ok(())

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use sagci_modelling::network::{Matrix, Weights};
-use sagci_training::{Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_masks, train_trust};
+use sagci_training::{
+    Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_evidence, train_masks, train_trust,
+};
 
 const SETTINGS: Settings = Settings { seed: 5, objects: 10, at_once: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
 
@@ -57,8 +59,11 @@ fn the_last_heads_learn_beside_weights_that_stay_and_repeat_to_the_bit() {
     type Train = dyn Fn(&Settings, &Weights, &mut dyn FnMut(&str)) -> Result<Weights, TrainingError>;
     let shipped = Weights::shipped().unwrap();
     let settings = Settings { objects: 12, epochs: 8, ..SETTINGS };
-    let heads: [(&str, &Train); 3] = [("border.", &train_border), ("mask.", &train_masks), ("trust.", &train_trust)];
+    let heads: [(&str, &Train); 4] =
+        [("border.", &train_border), ("mask.", &train_masks), ("trust.", &train_trust), ("evidence.", &train_evidence)];
     for (own, train) in heads {
+        // Of most still things nothing is found, and then they teach nothing.
+        let settings = if own == "evidence." { Settings { objects: 48, epochs: 24, ..settings } } else { settings };
         let mut losses: Vec<f64> = Vec::new();
         let mut run = || {
             let number = |line: &str| line.split_once("loss ").and_then(|x| x.1.split_whitespace().next()?.parse::<f64>().ok());

@@ -4,6 +4,7 @@
 use super::algebra::{Algebra, Matrix};
 use crate::ModellingError;
 use crate::border::BORDER;
+use crate::evidence::EVIDENCE;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
 use crate::mask::MASK;
 use crate::trust::TRUST;
@@ -141,6 +142,16 @@ impl<'a, A: Algebra> Network<'a, A> {
         let given = self.algebra.input(rows);
         let x = self.hidden("trust.1", &given, TRUST, 24)?;
         self.linear("trust.2", &x, 24, 1)
+    }
+
+    /// Log-odds that what was found is a part that moves, and no mere face: a row of [`EVIDENCE`] features each.
+    ///
+    /// Errors: as [`Self::trunk`].
+    pub fn evidence(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
+        let given = self.algebra.input(rows);
+        let x = self.hidden("evidence.1", &given, EVIDENCE, 32)?;
+        let x = self.hidden("evidence.2", &x, 32, 16)?;
+        self.linear("evidence.3", &x, 16, 1)
     }
 
     /// Log-odds that x is the front.
