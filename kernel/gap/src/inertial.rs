@@ -6,10 +6,10 @@
 //! dtau_k = ID(q_k, v_k, a_k; theta + d) - ID(q_k, v_k, a_k; theta),   damping: d v_k,   dry friction: d sgn(v_k)
 //! ```
 //!
-//! with `ID` inverse dynamics (Featherstone 2008, chapter 5), and [`Response`] says what a force does to the errors. Fits begin with
+//! with `ID` inverse dynamics (Featherstone 2008, chapter 5), and [`Tangent`] says what a force does to the errors. Fits begin with
 //! these and set them right as they go.
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::GapError;
@@ -17,11 +17,11 @@ use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Run;
 use crate::plant::Plant;
-use crate::response::Response;
 use crate::search::Search;
+use crate::tangent::Tangent;
 
 /// Velocity and acceleration on the way from each row to the next, by row and joint; zeros where a stretch ends.
-struct Along {
+pub(crate) struct Along {
     q: Vec<f64>,
     v: Vec<f64>,
     a: Vec<f64>,
@@ -58,6 +58,36 @@ impl Along {
         }
         Ok(all)
     }
+
+    /// Derivatives of these efforts by positions and by velocities, row by row, by differences to both sides.
+    pub fn slopes(&self, plant: &Plant, joints: usize, difference: f64) -> Result<Vec<[DMatrix<f64>; 2]>, GapError> {
+        let multibody = plant.system.multibody();
+        let n = joints;
+        let of = |row: usize| -> Result<[DMatrix<f64>; 2], GapError> {
+            let mut ws = multibody.workspace();
+            let at = row * n..(row + 1) * n;
+            let (mut q, mut v) = (self.q[at.clone()].to_vec(), self.v[at.clone()].to_vec());
+            let mut slopes = [DMatrix::zeros(n, n), DMatrix::zeros(n, n)];
+            let mut side = [vec![0.0; n], vec![0.0; n]];
+            for j in 0..n {
+                for (by, slope) in slopes.iter_mut().enumerate() {
+                    for (sign, tau) in [1.0, -1.0].into_iter().zip(&mut side) {
+                        let moved = if by == 0 { &mut q } else { &mut v };
+                        let here = moved[j];
+                        moved[j] = here + sign * difference;
+                        multibody.set_state(&mut ws, &q, &v)?;
+                        multibody.inverse_dynamics(&mut ws, &self.a[at.clone()], &[], tau)?;
+                        if by == 0 { q[j] = here } else { v[j] = here }
+                    }
+                    for i in 0..n {
+                        slope[(i, j)] = (side[0][i] - side[1][i]) / (2.0 * difference);
+                    }
+                }
+            }
+            Ok(slopes)
+        };
+        (0..self.q.len() / n.max(1)).into_par_iter().map(of).collect()
+    }
 }
 
 impl Search<'_> {
@@ -65,9 +95,8 @@ impl Search<'_> {
     pub fn derivatives_by_known(&self, fit: &Fit) -> Result<Vec<DVector<f64>>, GapError> {
         let (n, hypothesis) = (self.names.len(), &fit.hypothesis);
         let runs = self.runs(fit)?;
-        let bare = Fit { jacobian: Vec::new(), ..fit.clone() };
-        let responses: Vec<Response> = (0..n).map(|j| Response::new(self, &bare, &runs, j)).collect();
         let along = Along::new(self, &runs);
+        let tangent = Tangent::new(self, fit, &runs, &along)?;
         let plant = |x: &[f64]| hypothesis.plant(x, &self.problem.limits, self.problem.step);
         let asked = along.efforts(&plant(&hypothesis.x)?, n)?;
         let model = hypothesis.model_at(&hypothesis.x);
@@ -94,8 +123,7 @@ impl Search<'_> {
                     return Ok(self.problem.jacobian(hypothesis, &hypothesis.x, &fit.errors, &[p])?.swap_remove(0));
                 }
             };
-            let of = |j: usize| responses[j].errors_of(&forces.iter().skip(j).step_by(n).copied().collect::<Vec<_>>());
-            Ok((0..n).map(of).sum())
+            Ok(tangent.errors_of(&forces))
         };
         (0..hypothesis.known).into_par_iter().map(column).collect()
     }

@@ -57,6 +57,7 @@ mod starts;
 #[cfg(test)]
 mod starts_tests;
 mod stops;
+mod tangent;
 #[cfg(test)]
 mod tests;
 mod trajectory;

@@ -14,6 +14,8 @@ use crate::trajectory::Trajectory;
 const ENOUGH: usize = 10_000;
 const ENOUGH_OF_FEW: usize = 4_500;
 const ENOUGH_FOR_NOISE: usize = 2_500;
+/// Scale of the errors from which on no fewer of them are looked at.
+const LARGE: f64 = 2.0;
 /// Length of a stretch, s: much longer than the filter remembers.
 const STRETCH: f64 = 1.0;
 
@@ -35,9 +37,11 @@ pub(crate) struct Part {
 }
 
 impl Search<'_> {
-    /// The part by which a search begins; none where all of the data are no more than that.
-    pub fn part(&self) -> Option<Part> {
-        let every = every(self.problem.measured(), if self.many_joints() { ENOUGH } else { ENOUGH_OF_FEW });
+    /// The part by which a search begins; none where all of the data are no more than that. Errors that are large beside noise tell as much
+    /// in fewer rows: `scale` is theirs, in their deviations.
+    pub fn part(&self, scale: f64) -> Option<Part> {
+        let enough = if self.many_joints() { (ENOUGH as f64 / scale.clamp(1.0, LARGE)) as usize } else { ENOUGH_OF_FEW };
+        let every = every(self.problem.measured(), enough);
         if every < 2 {
             return None;
         }

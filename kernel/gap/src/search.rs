@@ -59,6 +59,8 @@ const FINALISTS: usize = 6;
 const FEWER: usize = 4;
 /// Share of the evidence that an effect may be behind the best one over a part of the data, to be fitted over all of them.
 const FAR: f64 = 0.05;
+/// Scale of the errors, in their deviations, up to which a fit explains all but noise.
+const EXPLAINED: f64 = 1.1;
 /// Standard deviations of its prior by which a known number has been led astray by what is missing.
 const LED_ASTRAY: f64 = 0.5;
 /// Of how many of the best a neighbour begins where they end.
@@ -120,7 +122,7 @@ impl<'a> Search<'a> {
 
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
-        let Some(part) = self.part().filter(|_| self.many_joints()) else {
+        let Some(part) = self.part(scale).filter(|_| self.many_joints()) else {
             let fit = self.in_response(Hypothesis::known(model, &self.joints), scale)?;
             return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
         };
@@ -183,7 +185,7 @@ impl<'a> Search<'a> {
     /// The same of effects with so many numbers at the most.
     pub fn stage_within(&self, base: &Fit, scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base, scale)?;
-        let mut all = match self.part() {
+        let mut all = match self.part(scale) {
             None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale), scale),
             Some(part) if !self.many_joints() => {
                 let light = self.over(&part.trajectories);
@@ -204,10 +206,19 @@ impl<'a> Search<'a> {
                 // All of the data say as much more as they are more.
                 let more = self.problem.measured() as f64 / light.problem.measured() as f64;
                 let best = all.first().map_or(0.0, |c| c.evidence);
-                let behind = f64::max(NEAR / more, FAR * (best - light.evidence(&base_there, scale)));
+                // Where the best explains all but noise, none that is far behind it comes before it elsewhere.
+                let rest = all.first().is_some_and(|c| light.scale(&c.fit) > EXPLAINED);
+                let far = if rest { FAR * (best - light.evidence(&base_there, scale)) } else { 0.0 };
+                let behind = f64::max(NEAR / more, far);
                 all.truncate(all.iter().take(FEWER).take_while(|c| c.evidence > best - behind).count().max(2));
-                let whole = |c: Candidate| Some(Candidate { fit: self.refit(&c.fit, scale).ok()?, ..c });
-                all.into_par_iter().filter_map(whole).collect()
+                // The likeliest is fitted to the end, the others as far as they can be hoped to come near it.
+                let whole = |c: Candidate, bar: f64| Some(Candidate { fit: self.refit_beside(base, &c.fit, scale, bar).ok()?, ..c });
+                let here = self.evidence(base, scale);
+                let behind = all.split_off(1.min(all.len()));
+                let mut fitted: Vec<Candidate> = all.into_iter().filter_map(|c| whole(c, here)).collect();
+                let bar = fitted.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
+                fitted.extend(behind.into_par_iter().filter_map(|c| whole(c, bar)).collect::<Vec<_>>());
+                fitted
             }
         };
         all = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();

@@ -61,7 +61,17 @@ impl<'a> Search<'a> {
         Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
     }
 
-    /// The same, as long as it can be hoped to come near an evidence.
+    /// The same of one that adds to a base, as long as it can be hoped to come near an evidence.
+    pub fn refit_beside(&self, base: &Fit, fit: &Fit, scale: f64, bar: f64) -> Result<Fit, GapError> {
+        let mut fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
+        // Judged at the end; until then beside the base.
+        fit.judged = base.judged + fit.squares - base.squares;
+        let known = self.known_columns(&fit)?;
+        let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
+    }
+
+    /// The same with derivatives to begin with.
     fn refit_towards(&self, fit: &Fit, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Fit, GapError> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
         Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
