@@ -17,6 +17,7 @@ use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob};
 use crate::observer::Run;
 use crate::plant::Plant;
+use crate::response::Response;
 use crate::search::Search;
 use crate::tangent::Tangent;
 
@@ -92,11 +93,25 @@ impl Along {
 
 impl Search<'_> {
     /// Derivatives of a fit's errors by its known numbers; those that no force stands for by runs.
+    /// Few joints move each other little within what the filter remembers, and fits take theirs from runs soon.
     pub fn derivatives_by_known(&self, fit: &Fit) -> Result<Vec<DVector<f64>>, GapError> {
+        self.derivatives_by_response(fit, self.many_joints())
+    }
+
+    /// The same, what one joint does to another with them or not.
+    pub fn derivatives_by_response(&self, fit: &Fit, together: bool) -> Result<Vec<DVector<f64>>, GapError> {
         let (n, hypothesis) = (self.names.len(), &fit.hypothesis);
         let runs = self.runs(fit)?;
         let along = Along::new(self, &runs);
-        let tangent = Tangent::new(self, fit, &runs, &along)?;
+        let bare = Fit { jacobian: Vec::new(), ..fit.clone() };
+        let tangent = together.then(|| Tangent::new(self, fit, &runs, &along)).transpose()?;
+        let apart: Vec<Response> = (0..if together { 0 } else { n }).map(|j| Response::new(self, &bare, &runs, j)).collect();
+        let errors_of = |forces: &[f64]| match &tangent {
+            Some(tangent) => tangent.errors_of(forces),
+            None => {
+                apart.iter().enumerate().map(|(j, r)| r.errors_of(&forces.iter().skip(j).step_by(n).copied().collect::<Vec<_>>())).sum()
+            }
+        };
         let plant = |x: &[f64]| hypothesis.plant(x, &self.problem.limits, self.problem.step);
         let asked = along.efforts(&plant(&hypothesis.x)?, n)?;
         let model = hypothesis.model_at(&hypothesis.x);
@@ -123,7 +138,7 @@ impl Search<'_> {
                     return Ok(self.problem.jacobian(hypothesis, &hypothesis.x, &fit.errors, &[p])?.swap_remove(0));
                 }
             };
-            Ok(tangent.errors_of(&forces))
+            Ok(errors_of(&forces))
         };
         (0..hypothesis.known).into_par_iter().map(column).collect()
     }

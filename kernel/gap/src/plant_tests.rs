@@ -142,7 +142,9 @@ fn derivatives_by_known_numbers_hold_where_one_joint_moves_another() {
     let fit = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
     let all: Vec<usize> = (0..fit.hypothesis.x.len()).collect();
     let exact = search.problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, &fit.errors, &all).unwrap();
-    for (fitted, (by_response, exact)) in fit.hypothesis.fitted.iter().zip(search.derivatives_by_known(&fit).unwrap().iter().zip(&exact)) {
+    for (fitted, (by_response, exact)) in
+        fit.hypothesis.fitted.iter().zip(search.derivatives_by_response(&fit, true).unwrap().iter().zip(&exact))
+    {
         let off = (exact - by_response).norm() / exact.norm().max(1.0);
         // Where errors go far within a difference they do not go straight, and that is what differs.
         let straight = exact.norm() * fitted.difference < 10.0;
