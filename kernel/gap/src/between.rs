@@ -35,9 +35,9 @@ impl Climb<'_> {
         }
         (ascent.say)(&format!("  {} and {} say more than {MIDDLE} ({gain:+.1})", AROUND[0], AROUND[1]));
         let gone = self.chosen.remove(at);
-        let here = search.evidence(&less, scale);
+        let [here, evidence] = [&less, &two].map(|fit| search.evidence(fit, scale));
+        // What else each may be is asked when all names are looked at again.
         for effect in AROUND {
-            let evidence = search.evidence(&two, scale);
             let itself = Candidate { effect, joint: gone.best.joint, fit: two.clone(), evidence };
             self.chosen.push(Choice::new(search, &[itself], here, gone.nameless, gone.explained, scale));
         }
@@ -50,9 +50,8 @@ impl Climb<'_> {
     fn apart(&self, at: usize) -> Option<(Fit, Fit)> {
         let (search, hypothesis) = (&self.search, &self.current.hypothesis);
         let entry = *entries(hypothesis).get(at)?;
-        let document = &hypothesis.model_at(&hypothesis.x).document.effects;
-        let damping = *document.get(entry)?.parameters.values().next()?;
-        let joint = document.get(entry)?.joint.clone()?;
+        let middle = hypothesis.model_at(&hypothesis.x).document.effects.get(entry)?.clone();
+        let (damping, joint) = (*middle.parameters.get("damping")?, middle.joint?);
         let j = search.names.iter().position(|n| *n == joint)?;
         let speed = search.views(&self.current, self.scale).ok()?.get(j)?.speed.max(f64::MIN_POSITIVE);
         let less = self.current.without(&search.problem, entry).ok()?;

@@ -212,8 +212,9 @@ impl<'a> Climb<'a> {
         };
         candidates[..=first].rotate_right(1);
         let best = &candidates[0];
-        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by. Where the likeliest
-        // alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without it is one.
+        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by.
+        // Where the likeliest alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without
+        // it is one.
         if small && !self.brings_near(&settled, ascent) {
             if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
@@ -240,8 +241,8 @@ impl<'a> Climb<'a> {
         Ok(true)
     }
 
-    /// A candidate, if it is there. `asked` says whether another was
-    /// looked for beside one of its rivals: that is a search of its own, and made for each of them most of the work on data that no model fits.
+    /// A candidate, if it is there. `asked` says whether another was looked for beside one of its rivals: that is a search of its own, and made
+    /// for each of them most of the work on data that no model fits.
     fn is_there(&self, candidate: &Candidate, here: f64, ascent: &Ascent<'_>, asked: &mut bool) -> Result<Option<There>, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let (search, scale, current) = (&self.search, self.scale, &self.current);

@@ -211,14 +211,8 @@ impl<'a> Search<'a> {
                 let far = if rest { FAR * (best - light.evidence(&base_there, scale)) } else { 0.0 };
                 let behind = f64::max(NEAR / more, far);
                 all.truncate(all.iter().take(FEWER).take_while(|c| c.evidence > best - behind).count().max(2));
-                // The likeliest is fitted to the end, the others as far as they can be hoped to come near it.
                 let whole = |c: Candidate, bar: f64| Some(Candidate { fit: self.refit_beside(base, &c.fit, scale, bar).ok()?, ..c });
-                let here = self.evidence(base, scale);
-                let behind = all.split_off(1.min(all.len()));
-                let mut fitted: Vec<Candidate> = all.into_iter().filter_map(|c| whole(c, here)).collect();
-                let bar = fitted.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
-                fitted.extend(behind.into_par_iter().filter_map(|c| whole(c, bar)).collect::<Vec<_>>());
-                fitted
+                self.first_first(base, all, scale, whole)
             }
         };
         all = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
@@ -304,20 +298,30 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// Fits to the end, the first of them first: what stays far behind it need not be fitted to the end.
-    fn finished(&self, base: &Fit, mut candidates: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
-        let here = self.evidence(base, scale);
+    /// Fits to the end where they stand.
+    fn finished(&self, base: &Fit, candidates: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
         let begin = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
-        let finish = |mut candidate: Candidate, bar: f64| {
+        self.first_first(base, candidates, scale, |mut candidate: Candidate, bar: f64| {
             candidate.fit.judged = base.judged + candidate.fit.squares - base.squares;
             let fit = candidate.fit.finish(&self.problem, scale, begin, bar).ok()?;
             Some(Candidate { fit, ..candidate })
-        };
+        })
+    }
+
+    /// Fits candidates, the first of them first: what stays far behind it, its bar, need not be fitted to the end.
+    fn first_first(
+        &self,
+        base: &Fit,
+        mut candidates: Vec<Candidate>,
+        scale: f64,
+        fit: impl Fn(Candidate, f64) -> Option<Candidate> + Sync,
+    ) -> Vec<Candidate> {
+        let here = self.evidence(base, scale);
         let behind = candidates.split_off(1.min(candidates.len()));
-        let mut finished: Vec<Candidate> = candidates.into_iter().filter_map(|c| finish(c, here)).collect();
-        let bar = finished.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
-        finished.extend(behind.into_par_iter().filter_map(|c| finish(c, bar)).collect::<Vec<_>>());
-        finished
+        let mut fitted: Vec<Candidate> = candidates.into_iter().filter_map(|c| fit(c, here)).collect();
+        let bar = fitted.first().map_or(here, |c| self.evidence(&c.fit, scale).max(here));
+        fitted.extend(behind.into_par_iter().filter_map(|c| fit(c, bar)).collect::<Vec<_>>());
+        fitted
     }
 
     /// Runs of a fitted model along all trajectories.

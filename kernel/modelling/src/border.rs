@@ -226,7 +226,7 @@ pub(crate) fn ask(posed: &Posed<'_>, label: &[Option<u32>], still: &[f64], parts
         let panel = Panel::of(posed, &part.pieces);
         let own = g as u32 + 1;
         let places: Vec<[f64; 3]> = posed.points.iter().map(|p| panel.coordinates(p)).collect();
-        let thin = (3.0 * noise).max(0.006);
+        let thin = a.scale.thin();
         // Seams show best among all points, and by what is seen through them.
         let all: Vec<[f64; 3]> = dense.iter().map(|p| panel.coordinates(p)).collect();
         let on = |k: usize, other: usize, range: (f64, f64)| -> Vec<(f64, f64)> {

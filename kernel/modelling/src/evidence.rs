@@ -29,7 +29,7 @@ pub(crate) fn rows(posed: &Posed<'_>, groups: &[Vec<usize>], promises: &[[f64; 2
     let a = posed.analysis;
     let told = mask::rows(posed, groups, known);
     let dense: Vec<Point3<f64>> = a.dense.iter().map(|(p, _)| Point3::from(posed.of_world(&p.coords))).collect();
-    let thin = (3.0 * a.scale.noise.max(0.001)).max(0.006);
+    let thin = a.scale.thin();
     // A block is all on the faces of its box.
     let on_box = |p: &&Point3<f64>| (0..3).any(|k| (p[k] - posed.low[k]).min(posed.high[k] - p[k]) < thin);
     let boxed = posed.points.iter().filter(on_box).count() as f64 / posed.points.len().max(1) as f64;
@@ -76,7 +76,7 @@ const FRAME: (f64, f64) = (0.01, 0.06);
 /// may not show it.
 pub(crate) fn seam(posed: &Posed<'_>, group: &[usize]) -> f64 {
     let a = posed.analysis;
-    let thin = (3.0 * a.scale.noise.max(0.001)).max(0.006);
+    let thin = a.scale.thin();
     let panel = Panel::of(posed, group);
     let ranges = [panel.level, panel.rise];
     let near =

@@ -53,7 +53,6 @@ fn row(posed: &Posed<'_>, group: &[usize], known: &Known<'_>, dense: &[(Point3<f
     let size: f64 = group.iter().map(|i| known.points[*i]).sum();
     let total = a.points.len() as f64;
     let panel = Panel::of(posed, group);
-    let noise = a.scale.noise.max(0.001);
     let mut row: Vec<f64> = Vec::with_capacity(MASK);
 
     // What was thought of its pieces and of their neighbours.
@@ -89,7 +88,7 @@ fn row(posed: &Posed<'_>, group: &[usize], known: &Known<'_>, dense: &[(Point3<f
     row.extend([width / (posed.high.y - posed.low.y).max(0.01), height / (posed.high.z - posed.low.z).max(0.01)]);
 
     // What its rectangle holds.
-    let thin = (3.0 * noise).max(0.006);
+    let thin = a.scale.thin();
     // Only what is near the panel is looked at.
     let range = |t: f64, of: (f64, f64)| t > of.0 - BESIDE && t < of.1 + BESIDE;
     let (places, of_place): (Vec<[f64; 3]>, Vec<Option<u32>>) = dense

@@ -46,6 +46,13 @@ pub(crate) struct Scale {
     pub(crate) noise: f64,
 }
 
+impl Scale {
+    /// How far from a surface its points may lie, m.
+    pub(crate) fn thin(&self) -> f64 {
+        (3.0 * self.noise.max(0.001)).max(0.006)
+    }
+}
+
 /// Greatest number of superpoints.
 pub(crate) const MOST: usize = 96;
 

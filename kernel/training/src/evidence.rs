@@ -8,7 +8,7 @@ use sagci_furniture::{Category, Even, Family, Labelled, Look, Noise, Object, Ran
 use sagci_modelling::network::Weights;
 use sagci_modelling::{EVIDENCE, Ends};
 
-use crate::head::{Head, Rows, more_than, train_head};
+use crate::head::{Head, Rows, more_than, overlaps, train_head};
 use crate::{Settings, TrainingError};
 
 /// Parts a step, for each object of a batch.
@@ -58,20 +58,10 @@ fn parts(seed: u64, index: u64, weights: &Weights) -> Rows<EVIDENCE, 1> {
     let (object, cloud) = drawn(seed, index);
     let Ok(asked) = Ends::of(&cloud.points, weights) else { return out };
     let (parts, found) = (object.parts.len(), asked.evidence.nrows());
-    let mut both = vec![vec![0.0_f64; parts]; found + 1];
-    let (mut of_true, mut of_found) = (vec![0.0; parts], vec![0.0; found + 1]);
-    for (part, label) in cloud.part.iter().zip(&asked.label_of_input) {
-        let part = usize::try_from(*part).ok();
-        part.iter().for_each(|t| of_true[*t] += 1.0);
-        label.iter().for_each(|l| of_found[*l as usize] += 1.0);
-        if let (Some(t), Some(l)) = (part, label) {
-            both[*l as usize][t] += 1.0;
-        }
-    }
-    for l in 1..=found {
-        let overlap = |t: usize| both[l][t] / f64::max(of_true[t] + of_found[l] - both[l][t], 1.0);
-        out.features.extend(asked.evidence.row(l - 1).iter());
-        out.answers.push([more_than(ENOUGH, (1..parts).map(overlap).fold(0.0, f64::max))]);
+    let overlaps = overlaps(&cloud.part, parts, &asked.label_of_input, found + 1);
+    for (row, overlaps) in asked.evidence.row_iter().zip(overlaps.iter().skip(1)) {
+        out.features.extend(row.iter());
+        out.answers.push([more_than(ENOUGH, overlaps.iter().skip(1).copied().fold(0.0, f64::max))]);
     }
     out
 }

@@ -82,6 +82,23 @@ pub(crate) fn more_than(asked: f64, overlap: f64) -> f32 {
     ((overlap - asked) / 0.1 + 0.5).clamp(0.0, 1.0) as f32
 }
 
+/// Overlap (intersection over union) of what was found with each true part: rows by label, columns by part. `part` and `found` are of the same
+/// points; what has none of either counts in the other's size.
+pub(crate) fn overlaps(part: &[i32], parts: usize, found: &[Option<u32>], labels: usize) -> Vec<Vec<f64>> {
+    let mut both = vec![vec![0.0_f64; parts]; labels];
+    let (mut of_true, mut of_found) = (vec![0.0; parts], vec![0.0; labels]);
+    for (part, label) in part.iter().zip(found) {
+        let part = usize::try_from(*part).ok();
+        part.iter().for_each(|t| of_true[*t] += 1.0);
+        label.iter().for_each(|l| of_found[*l as usize] += 1.0);
+        if let (Some(t), Some(l)) = (part, label) {
+            both[*l as usize][t] += 1.0;
+        }
+    }
+    let share = |(l, both): (usize, Vec<f64>)| both.iter().zip(&of_true).map(|(b, t)| b / f64::max(t + of_found[l] - b, 1.0)).collect();
+    both.into_iter().enumerate().map(share).collect()
+}
+
 /// Mean loss and share of right answers; gradients are added.
 fn learn<const N: usize>(
     head: Head,

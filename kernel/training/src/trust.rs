@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use sagci_modelling::network::Weights;
 use sagci_modelling::{Ends, TRUST};
 
-use crate::head::{Head, Rows, more_than, train_head};
+use crate::head::{Head, Rows, more_than, overlaps, train_head};
 use crate::lesson::drawn;
 use crate::{Settings, TrainingError};
 
@@ -19,20 +19,10 @@ fn ends(seed: u64, index: u64, weights: &Weights) -> Rows<TRUST, 1> {
     let (object, cloud, _) = drawn(seed, index, false);
     let Ok(asked) = Ends::of(&cloud.points, weights) else { return out };
     let (parts, found) = (object.parts.len(), asked.trust.nrows());
-    let mut both = vec![vec![0.0_f64; parts]; found];
-    let (mut of_true, mut of_found) = (vec![0.0; parts], vec![0.0; found]);
-    for (part, label) in cloud.part.iter().zip(&asked.label_of_input) {
-        let part = usize::try_from(*part).ok();
-        part.iter().for_each(|t| of_true[*t] += 1.0);
-        label.iter().for_each(|l| of_found[*l as usize] += 1.0);
-        if let (Some(t), Some(l)) = (part, label) {
-            both[*l as usize][t] += 1.0;
-        }
-    }
-    let overlap = |l: usize, t: usize| both[l][t] / f64::max(of_true[t] + of_found[l] - both[l][t], 1.0);
-    for l in 0..found {
-        out.features.extend(asked.trust.row(l).iter());
-        out.answers.push([more_than(ENOUGH, (0..parts).map(|t| overlap(l, t)).fold(0.0, f64::max))]);
+    let overlaps = overlaps(&cloud.part, parts, &asked.label_of_input, found);
+    for (row, overlaps) in asked.trust.row_iter().zip(&overlaps) {
+        out.features.extend(row.iter());
+        out.answers.push([more_than(ENOUGH, overlaps.iter().copied().fold(0.0, f64::max))]);
     }
     out
 }
