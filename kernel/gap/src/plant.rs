@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Unit, Vector3, Vector6};
 use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
-use sagci_dynamics::{DynamicsError, ExternalWrench, Input, Part, State, StepWorkspace, System};
+use sagci_dynamics::{DynamicsError, ExternalWrench, Held, Input, Part, State, StepWorkspace, System};
 use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
@@ -124,6 +124,19 @@ impl Motion {
     /// Does it move at an end of the piece?
     fn moves(&self, j: usize) -> bool {
         self.begin.v[j] != 0.0 || self.state.v[j] != 0.0
+    }
+
+    /// When friction stops a joint that it holds from then on, s from the beginning of the piece, if that is `soon`. A filter sets a joint that
+    /// stands moving by a little in every row. Both ways let it stop over their first step, so that they are off by what grows as that step, on all
+    /// that moves with it, too: that is an order, and careful steps that are longer than the stop come no nearer. `h` is the last step, and
+    /// `accelerates` by how much an effort accelerates the joint.
+    fn stops_after(&self, j: usize, soon: f64, h: f64, accelerates: f64) -> Option<f64> {
+        if self.coarse.v[j] != 0.0 || self.state.v[j] != 0.0 || self.ws.held()[j] != Held::Stuck {
+            return None;
+        }
+        let (old, [forward, backward]) = (self.begin.v[j], self.ws.spare(j));
+        let slows = accelerates / h * if old > 0.0 { forward } else { backward };
+        (old.abs() < soon * slows).then(|| old.abs() / slows)
     }
 
     /// Have the two ways over a piece an order by which they differ? `efforts` is by how much efforts alone would change the velocity over it.
@@ -382,7 +395,10 @@ impl Plant {
         } else if coarse {
             motion.set_right(h);
             let efforts = |motion: &Motion, j: usize| duration * self.accelerates[j] * (motion.tau[j].abs() + motion.ws.load()[j].abs());
+            let careful = (2.0 * FINER * steps) as usize;
+            let stops = |motion: &Motion, j: usize| motion.stops_after(j, duration / careful as f64, h, self.accelerates[j]);
             let order = |motion: &Motion, j: usize| match self.smooth {
+                _ if stops(motion, j).is_some() => 1.0,
                 true => motion.order(j, efforts(motion, j)),
                 false => f64::from(motion.is_orderly(j, efforts(motion, j))),
             };
@@ -391,11 +407,16 @@ impl Plant {
             for (mean, fine) in [(&mut motion.coarse.q, &motion.state.q), (&mut motion.coarse.v, &motion.state.v)] {
                 mean.iter_mut().zip(fine).for_each(|(x, fine)| *x = 2.0 * fine - *x);
             }
+            for j in 0..n {
+                if let Some(after) = stops(motion, j) {
+                    motion.coarse.q[j] = motion.begin.q[j] + 0.5 * after * motion.begin.v[j];
+                }
+            }
             // Without an order shorter steps come nearer to the instant at which it happens.
             if order < 1.0 {
                 motion.fine.copy_from(&motion.state, motion.state.time);
                 motion.begin.give_to(&mut motion.state);
-                if self.carefully(motion, trajectory, k, [from, to], (2.0 * FINER * steps) as usize).is_err() {
+                if self.carefully(motion, trajectory, k, [from, to], careful).is_err() {
                     motion.fine.give_to(&mut motion.state);
                 }
             }

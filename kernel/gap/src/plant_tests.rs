@@ -87,6 +87,25 @@ fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
     ObjectModel::read_urdf(folder.join("object.urdf")).unwrap()
 }
 
+/// A filter sets a joint that stands moving by a little, and friction stops it within less than a careful step: where and when is known.
+#[test]
+fn a_joint_that_friction_stops_at_once_stands_where_it_should() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut model = double_pendulum(folder.path());
+    model.joints[1].friction = 0.3;
+    let at = |step: f64| {
+        let plant = Plant::new(&model, &[[false; 2]; 2], step).unwrap();
+        let mut motion = plant.motion();
+        motion.state.v.copy_from_slice(&[0.5, 0.01]);
+        plant.interval(&mut motion, &Trajectory::steady(2, PERIOD, &[0.0, 0.0], vec![Drive::Effort; 2]), 0).unwrap();
+        (motion.state.q, motion.state.v)
+    };
+    let ((q, v), (right, right_v)) = (at(STEP), at(2e-5));
+    assert_eq!([v[1], right_v[1]], [0.0; 2], "it stands");
+    assert!((q[1] - right[1]).abs() < 0.5 * right[1].abs(), "{} rad, not {}", q[1], right[1]);
+    assert!((q[0] - right[0]).abs() < 1e-6, "the other goes to {} rad, not {}", q[0], right[0]);
+}
+
 /// The model's own motion from a fling, with noise of positions.
 fn flung(model: &ObjectModel, velocities: [f64; 2]) -> Log {
     use rand::SeedableRng;
