@@ -70,8 +70,9 @@ const FEW: usize = 2;
 /// How often derivatives of the known numbers are taken in the linear response, and the share of the errors' squares that is no progress.
 const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;
-/// Steps of a first fit in the simulator.
+/// Steps of a first fit in the simulator, and those after which one of an effect's starts is chosen on an arm.
 pub(crate) const QUICK: usize = 5;
+const LOOK: usize = 2;
 /// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
 /// further.
 const CLOSE: f64 = 0.8;
@@ -223,13 +224,13 @@ impl<'a> Search<'a> {
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
     fn begun(&self, base: &Fit, views: &[JointView], screened: Vec<Screened>, scale: f64) -> Vec<Candidate> {
         let known = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
-        let effort = Effort { bar: self.evidence(base, scale), ..Effort::new(QUICK, 0.5) };
-        let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis| {
+        let effort = |rounds: usize| Effort { bar: self.evidence(base, scale), ..Effort::new(rounds, 0.5) };
+        let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis, rounds: usize| {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
             fit.judged = base.judged + fit.squares - base.squares;
             let known = if self.many_joints() || fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
-            let fit = fit.improve(&self.problem, scale, effort, known).ok()?;
+            let fit = fit.improve(&self.problem, scale, effort(rounds), known).ok()?;
             let evidence = self.evidence(&fit, scale);
             evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
         };
@@ -247,8 +248,19 @@ impl<'a> Search<'a> {
             begins.extend(bodies.map(|given| (effect, joint, given)));
             begins.push((effect, joint, hypothesis));
         }
-        let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h)).collect();
+        let rounds = if self.many_joints() { LOOK } else { QUICK };
+        let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h, rounds)).collect();
         best(&mut begun);
+        // Most starts of an effect come to one end: on an arm the one that is ahead goes on, where the derivatives that led it there nearly hold.
+        if self.many_joints() {
+            let go_on = |c: Candidate| {
+                let fit = c.fit.improve(&self.problem, scale, effort(QUICK - LOOK), Derivatives { kept: true, ..known }).ok()?;
+                let evidence = self.evidence(&fit, scale);
+                evidence.is_finite().then_some(Candidate { fit, evidence, ..c })
+            };
+            begun = begun.into_par_iter().filter_map(go_on).collect();
+            best(&mut begun);
+        }
         let beside = |c: &Candidate| -> Vec<Candidate> {
             let hypothesis = &c.fit.hypothesis;
             let (Some(j), Some(entry)) = (c.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else { return Vec::new() };
@@ -258,7 +270,7 @@ impl<'a> Search<'a> {
                 let mut begun = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
                 // Without any effect the known numbers were led astray; beside this one they are where they will be beside its neighbour.
                 begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
-                first(name, c.joint, begun.confined(n, views[j].range, views[j].way()))
+                first(name, c.joint, begun.confined(n, views[j].range, views[j].way()), QUICK)
             };
             neighbours(c.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
         };
