@@ -10,9 +10,9 @@ use crate::evidence;
 use crate::feature::{CANDIDATES, touching};
 use crate::grouping::Odds;
 use crate::handle::{Handle, handle};
-use crate::mask::{self, Known, chosen, rectangles};
+use crate::mask::{self, Known, MASK, chosen, rectangles};
 use crate::motion::{Motion, Still, agree};
-use crate::network::{CLASSES, Matrix, Network, Plain, Trunk, Weights, softmax_rows};
+use crate::network::{CLASSES, GROUP, Matrix, Network, Plain, Trunk, WIDTH, Weights, softmax_rows};
 use crate::posed::Posed;
 use crate::side::Side;
 use crate::trust::{self, Expected, Trusted, expected};
@@ -240,7 +240,8 @@ impl<'a> First<'a> {
         if first.nodes.is_empty() {
             return Ok(first);
         }
-        let odds = Network::new(plain).masks(first.rows(analysis))?;
+        let (rows, relations) = first.rows(analysis);
+        let odds = Network::new(plain).masks(rows, relations)?;
         let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
         let promises: Vec<[f64; 2]> = (0..first.nodes.len()).map(|k| [0, 1].map(|c| likely(odds[(k, c)]))).collect();
         for k in chosen(&first.nodes, &promises) {
@@ -250,10 +251,17 @@ impl<'a> First<'a> {
         Ok(first)
     }
 
-    /// What is asked about groups.
-    fn rows(&self, analysis: &Analysis) -> Matrix {
-        let known = Known { odds: &self.odds, classes: &self.classes, points: &sizes(analysis) };
-        mask::rows(&self.seen.side.posed, &self.nodes, &known)
+    /// What is asked about groups, and how they share points.
+    fn rows(&self, analysis: &Analysis) -> (Matrix, Matrix) {
+        let points = sizes(analysis);
+        let known = Known { odds: &self.odds, classes: &self.classes, points: &points };
+        let told = mask::rows(&self.seen.side.posed, &self.nodes, &known);
+        let [own, image] = &self.seen.trunks;
+        let states = mask::states(&self.nodes, &points, &((&own.state + &image.state) * 0.5));
+        let mut rows = Matrix::zeros(self.nodes.len(), GROUP);
+        rows.columns_mut(0, MASK).copy_from(&told);
+        rows.columns_mut(MASK, WIDTH).copy_from(&states);
+        (rows, mask::relations(&self.nodes, &points))
     }
 
     /// What is thought of the parts.
@@ -346,8 +354,10 @@ impl Borders {
 
 /// Groups of superpoints that may be parts, and what is asked about them, for training.
 pub struct Groups {
-    /// One row of features a group.
+    /// One row of [`crate::network::GROUP`] features a group.
     pub rows: Matrix,
+    /// How each two of them share points: row `i n + j`.
+    pub relations: Matrix,
     /// The superpoints of each.
     pub of: Vec<Vec<usize>>,
     /// Of each input point its superpoint.
@@ -362,8 +372,8 @@ impl Groups {
         let analyses = analyse(cloud)?;
         let first = First::asked(&analyses, &mut Plain { weights: &weights.matrices })?;
         let analysis = &analyses[first.index];
-        let of = first.nodes.clone();
-        Ok(Self { rows: first.rows(analysis), of, piece_of_input: analysis.piece_of_input() })
+        let (rows, relations) = first.rows(analysis);
+        Ok(Self { rows, relations, of: first.nodes, piece_of_input: analysis.piece_of_input() })
     }
 }
 

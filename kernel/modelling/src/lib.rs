@@ -53,7 +53,7 @@ pub use error::ModellingError;
 pub use evidence::EVIDENCE;
 pub use feature::{CANDIDATES, Features, SAMPLES, touching};
 pub use lens::Lens;
-pub use mask::MASK;
+pub use mask::{MASK, RELATION};
 pub use network::Weights;
 pub use perceive::{Perceived, perceive};
 pub use report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};

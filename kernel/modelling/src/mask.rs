@@ -3,7 +3,8 @@
 //! Whether two pieces belong together is a local answer. Joined one after the other by it, pieces make a tree of groups, each of which may be
 //! a part: a leaf and what it is made of, two leaves and what both are. Of each group it is asked how like a part it is: does a seam run through it,
 //! do its edges lie where seams are, does it fill its rectangle, how many handles has it? Of the tree then those groups are taken
-//! that promise most together, no two within one another. (Hierarchies of segments scored and cut by dynamic programming: Arbelaez et al.,
+//! that promise most together, no two within one another. What one group is depends on what else its pieces could be, so all groups are asked about
+//! at once, with how they share points. (Hierarchies of segments scored and cut by dynamic programming: Arbelaez et al.,
 //! "Multiscale combinatorial grouping", CVPR 2014; the promise of an overlap as confidence: Huang et al., "Mask Scoring R-CNN", CVPR 2019.)
 
 use nalgebra::{Point3, Vector3};
@@ -16,6 +17,10 @@ use crate::seam::{BEHIND, EDGE, Front, INSIDE, told};
 
 /// Features of a group.
 pub const MASK: usize = 23 + CLASSES + 9 + 2 * INSIDE + 4 * EDGE;
+
+/// Features of two groups: the shares of the one's points that are the other's and the other way round, the share of either's that are both's, is
+/// there any, and are they the same group.
+pub const RELATION: usize = 5;
 
 /// How far beyond a panel's rectangle one looks, m.
 const BESIDE: f64 = 0.06;
@@ -43,6 +48,38 @@ pub(crate) fn rows(posed: &Posed<'_>, groups: &[Vec<usize>], known: &Known<'_>) 
         all.extend(row.into_iter().map(|x| x.clamp(-3.0, 3.0) as f32));
     }
     Matrix::from_row_slice(groups.len(), MASK, &all)
+}
+
+/// What the network made of each group's pieces: the mean of their states, by points.
+pub(crate) fn states(groups: &[Vec<usize>], points: &[f64], state: &Matrix) -> Matrix {
+    let mean = |g: &Vec<usize>, k: usize| {
+        let (sum, total) = g.iter().fold((0.0, 0.0), |s, p| (s.0 + points[*p] as f32 * state[(*p, k)], s.1 + points[*p] as f32));
+        sum / f32::max(total, 1.0)
+    };
+    Matrix::from_fn(groups.len(), state.ncols(), |i, k| mean(&groups[i], k))
+}
+
+/// How groups share points: row `i n + j` tells of the groups `i` and `j`. `points` of each piece.
+pub(crate) fn relations(groups: &[Vec<usize>], points: &[f64]) -> Matrix {
+    let n = groups.len();
+    let sizes: Vec<f64> = groups.iter().map(|g| g.iter().map(|i| points[*i]).sum::<f64>().max(1.0)).collect();
+    let mut out = Matrix::zeros(n * n, RELATION);
+    for (i, a) in groups.iter().enumerate() {
+        let mut own = vec![0.0; points.len()];
+        a.iter().for_each(|p| own[*p] = points[*p]);
+        for (j, b) in groups.iter().enumerate() {
+            let both: f64 = b.iter().map(|p| own[*p]).sum();
+            let told = [
+                both / sizes[i],
+                both / sizes[j],
+                both / (sizes[i] + sizes[j] - both),
+                f64::from(u8::from(both > 0.0)),
+                f64::from(u8::from(i == j)),
+            ];
+            told.into_iter().enumerate().for_each(|(k, x)| out[(i * n + j, k)] = x as f32);
+        }
+    }
+    out
 }
 
 fn row(posed: &Posed<'_>, group: &[usize], known: &Known<'_>, dense: &[(Point3<f64>, Option<u32>)]) -> Vec<f64> {
@@ -281,6 +318,16 @@ mod tests {
         two.sort_unstable();
         assert_eq!(two, [0, 1]);
         assert_eq!(chosen(&groups, &[[0.5, 0.3], [0.4, 0.1], [0.9, 0.9], [0.1, 0.0]]), [2]);
+    }
+
+    #[test]
+    fn a_group_within_another_is_told_from_one_beside_it() {
+        let told = relations(&[vec![0, 1], vec![0], vec![2]], &[30.0, 10.0, 50.0]);
+        let row = |i: usize, j: usize| told.row(i * 3 + j).iter().copied().collect::<Vec<f32>>();
+        assert_eq!(row(0, 0), [1.0; 5]);
+        assert_eq!(row(0, 1), [0.75, 1.0, 0.75, 1.0, 0.0]);
+        assert_eq!(row(1, 0), [1.0, 0.75, 0.75, 1.0, 0.0]);
+        assert_eq!(row(0, 2), [0.0; 5]);
     }
 
     #[test]

@@ -15,8 +15,6 @@ use crate::{Settings, TrainingError};
 /// A head of the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Head {
-    /// Which groups of pieces are parts.
-    Masks,
     /// Where parts end.
     Border,
     /// How far parts are to be trusted.
@@ -29,7 +27,6 @@ impl Head {
     /// Its weights' names begin so.
     fn word(self) -> &'static str {
         match self {
-            Self::Masks => "mask",
             Self::Border => "border",
             Self::Trust => "trust",
             Self::Evidence => "evidence",
@@ -39,7 +36,6 @@ impl Head {
     /// What the order of its rows is drawn by, beside the seed.
     fn order(self) -> &'static str {
         match self {
-            Self::Masks => "mask order",
             Self::Border => "border order",
             Self::Trust => "trust",
             Self::Evidence => "evidence",
@@ -48,7 +44,6 @@ impl Head {
 
     fn pass<A: Algebra>(self, network: &mut Network<'_, A>, rows: Matrix) -> Result<A::Value, ModellingError> {
         match self {
-            Self::Masks => network.masks(rows),
             Self::Border => network.border(rows),
             Self::Trust => network.trust(rows),
             Self::Evidence => network.evidence(rows),
@@ -111,11 +106,10 @@ fn learn<const N: usize>(
     let n = (N * answers.len()).max(1) as f32;
     let mut score = [0.0; 2];
     let d = Matrix::from_fn(answers.len(), N, |i, k| {
-        let t = answers[i][k];
-        let p = 1.0 / (1.0 + (-tape.value(at)[(i, k)]).exp());
-        score[0] -= f64::from((t * p.max(1e-9).ln() + (1.0 - t) * (1.0 - p).max(1e-9).ln()) / n);
-        score[1] += f64::from(u8::from((p > 0.5) == (t > 0.5))) / f64::from(n);
-        (p - t) / n
+        let (loss, right, d) = cross_entropy(tape.value(at)[(i, k)], answers[i][k], 1.0 / n);
+        score[0] += loss;
+        score[1] += f64::from(u8::from(right)) / f64::from(n);
+        d
     });
     if let Some(gradients) = gradients {
         tape.back(&[(at, d)], gradients);
@@ -170,9 +164,31 @@ pub(crate) fn train_head<const F: usize, const N: usize>(
         log(&line);
         lines.push(line);
     }
-    let mut made = Weights { matrices: from.matrices.clone(), made_by: String::new() };
-    made.matrices.extend(weights);
+    made(head.word(), settings, from, weights, &lines)
+}
+
+/// Weights with a head made anew beside those that it was made on, which say themselves how they were made.
+pub(crate) fn made(
+    head: &str,
+    settings: &Settings,
+    from: &Weights,
+    learned: BTreeMap<String, Matrix>,
+    log: &[String],
+) -> Result<Weights, TrainingError> {
     let before: serde_json::Value = serde_json::from_str(&from.made_by)?;
-    made.made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "head": head.word(), "log": lines, "from": before }))?;
-    Ok(made)
+    let mut matrices = from.matrices.clone();
+    // Of a head that was of another shape nothing stays.
+    let word = format!("{head}.");
+    matrices.retain(|name, _| !name.starts_with(&word));
+    matrices.extend(learned);
+    let made_by = serde_json::to_string(&serde_json::json!({ "settings": settings, "head": head, "log": log, "from": before }))?;
+    Ok(Weights { matrices, made_by })
+}
+
+/// Cross entropy, weighed by `weight`, of log-odds `x` with what was to be answered, from 0 to 1; is the likelier answer right; and the
+/// derivative by the log-odds.
+pub(crate) fn cross_entropy(x: f32, answer: f32, weight: f32) -> (f64, bool, f32) {
+    let p = 1.0 / (1.0 + (-x).exp());
+    let loss = -(answer * p.max(1e-9).ln() + (1.0 - answer) * (1.0 - p).max(1e-9).ln());
+    (f64::from(weight * loss), (p > 0.5) == (answer > 0.5), weight * (p - answer))
 }

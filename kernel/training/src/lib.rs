@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod adam;
+mod batch;
 mod border;
 mod evidence;
 mod head;
@@ -26,6 +27,7 @@ use sagci_modelling::ModellingError;
 use sagci_modelling::network::{Matrix, Weights};
 use serde::Serialize;
 
+use batch::Gradients;
 pub use border::train_border;
 pub use evidence::train_evidence;
 pub use lesson::{Lesson, lesson};
@@ -115,27 +117,10 @@ pub fn train(
             random.shuffle(&mut order);
             let mut total = Score::default();
             for chunk in order.chunks(batch) {
-                let results: Vec<Result<(Score, BTreeMap<String, Matrix>), ModellingError>> = chunk
-                    .par_iter()
-                    .map(|i| {
-                        let mut g = BTreeMap::new();
-                        learn(&weights, &lessons[*i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(&mut g)).map(|s| (s, g))
-                    })
-                    .collect();
-                // Summed in the order of the batch, so that the number of threads does not change a bit.
-                let mut sum: BTreeMap<String, Matrix> = BTreeMap::new();
-                for result in results {
-                    let (score, g) = result?;
-                    total.add(&score);
-                    for (name, d) in g {
-                        match sum.get_mut(&name) {
-                            Some(s) => *s += d,
-                            None => {
-                                sum.insert(name, d);
-                            }
-                        }
-                    }
-                }
+                let learned =
+                    |i: usize, g: &mut Gradients| learn(&weights, &lessons[i], (i + epoch).is_multiple_of(loss::WRONG_EVERY), Some(g));
+                let (scores, sum) = batch::learned(chunk, learned)?;
+                scores.iter().for_each(|s| total.add(s));
                 adam.step(&mut weights, &sum, chunk.len() as f32);
             }
             let done = part as usize * settings.epochs + epoch + 1;

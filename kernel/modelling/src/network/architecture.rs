@@ -6,15 +6,20 @@ use crate::ModellingError;
 use crate::border::BORDER;
 use crate::evidence::EVIDENCE;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
-use crate::mask::MASK;
+use crate::mask::{MASK, RELATION};
 use crate::trust::TRUST;
 
-/// Width of a superpoint's state.
-const WIDTH: usize = 64;
+/// Width of a superpoint's state, and of a group's.
+pub(crate) const WIDTH: usize = 64;
 /// Heads of attention.
 const HEADS: usize = 4;
-/// Blocks of attention.
+/// Blocks of attention between superpoints, and between groups of them.
 const BLOCKS: usize = 3;
+const MASK_BLOCKS: usize = 2;
+/// What is made of what is known of a pair.
+const BENT: usize = 16;
+/// Features of a group of superpoints: what is told of it, and the mean of its superpoints' states.
+pub const GROUP: usize = MASK + WIDTH;
 /// Classes of a superpoint: body, door, drawer, lid, flap.
 pub const CLASSES: usize = 5;
 
@@ -69,23 +74,28 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.algebra.beside(&pieces, &p);
         let x = self.hidden("piece", &x, PIECE + 48, WIDTH)?;
         let mut x = self.norm("piece.norm", &x)?;
-        let bent = self.hidden("pair", &pairs, PAIR, 16)?;
+        let bent = self.hidden("pair", &pairs, PAIR, BENT)?;
         for block in 0..BLOCKS {
-            let name = |part: &str| format!("block.{block}.{part}");
-            let bias = self.linear(&name("bias"), &bent, 16, HEADS)?;
-            let q = self.linear(&name("q"), &x, WIDTH, WIDTH)?;
-            let k = self.linear(&name("k"), &x, WIDTH, WIDTH)?;
-            let v = self.linear(&name("v"), &x, WIDTH, WIDTH)?;
-            let seen = self.algebra.attend(&q, &k, &v, &bias, HEADS);
-            let seen = self.linear(&name("out"), &seen, WIDTH, WIDTH)?;
-            let sum = self.algebra.add(&x, &seen);
-            x = self.norm(&name("norm.1"), &sum)?;
-            let h = self.hidden(&name("wide"), &x, WIDTH, 2 * WIDTH)?;
-            let h = self.linear(&name("narrow"), &h, 2 * WIDTH, WIDTH)?;
-            let sum = self.algebra.add(&x, &h);
-            x = self.norm(&name("norm.2"), &sum)?;
+            x = self.block(&format!("block.{block}"), &x, &bent)?;
         }
         Ok(Trunk { state: x, pairs })
+    }
+
+    /// A block of attention (Vaswani et al. 2017) between items of [`WIDTH`], bent by what is known of each ordered pair of them.
+    fn block(&mut self, name: &str, x: &A::Value, bent: &A::Value) -> Result<A::Value, ModellingError> {
+        let name = |part: &str| format!("{name}.{part}");
+        let bias = self.linear(&name("bias"), bent, BENT, HEADS)?;
+        let q = self.linear(&name("q"), x, WIDTH, WIDTH)?;
+        let k = self.linear(&name("k"), x, WIDTH, WIDTH)?;
+        let v = self.linear(&name("v"), x, WIDTH, WIDTH)?;
+        let seen = self.algebra.attend(&q, &k, &v, &bias, HEADS);
+        let seen = self.linear(&name("out"), &seen, WIDTH, WIDTH)?;
+        let sum = self.algebra.add(x, &seen);
+        let x = self.norm(&name("norm.1"), &sum)?;
+        let h = self.hidden(&name("wide"), &x, WIDTH, 2 * WIDTH)?;
+        let h = self.linear(&name("narrow"), &h, 2 * WIDTH, WIDTH)?;
+        let sum = self.algebra.add(&x, &h);
+        self.norm(&name("norm.2"), &sum)
     }
 
     /// Class scores of superpoints: `n` by [`CLASSES`].
@@ -125,14 +135,25 @@ impl<'a, A: Algebra> Network<'a, A> {
         self.linear("border.3", &x, 24, 1)
     }
 
-    /// Log-odds that groups of superpoints overlap a true part by half and by three quarters: a row of [`MASK`] features each.
+    /// Log-odds that groups of superpoints overlap a true part by half and by three quarters. `rows`: [`GROUP`] features each; `relations`: for
+    /// each ordered pair of `n` groups, row `i n + j`, the [`RELATION`] features of how they share points. Groups attend to one another, since
+    /// whether one is a part depends on what else its pieces could be (Hu et al., "Relation networks for object detection", CVPR 2018).
     ///
     /// Errors: as [`Self::trunk`].
-    pub fn masks(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
-        let given = self.algebra.input(rows);
-        let x = self.hidden("mask.1", &given, MASK, 64)?;
-        let x = self.hidden("mask.2", &x, 64, 32)?;
-        self.linear("mask.3", &x, 32, 2)
+    pub fn masks(&mut self, rows: Matrix, relations: Matrix) -> Result<A::Value, ModellingError> {
+        let rows = self.algebra.input(rows);
+        let relations = self.algebra.input(relations);
+        let x = self.hidden("mask.1", &rows, GROUP, 96)?;
+        let x = self.linear("mask.2", &x, 96, WIDTH)?;
+        let alone = self.norm("mask.norm", &x)?;
+        let bent = self.hidden("mask.relation", &relations, RELATION, BENT)?;
+        let mut x = alone.clone();
+        for block in 0..MASK_BLOCKS {
+            x = self.block(&format!("mask.block.{block}"), &x, &bent)?;
+        }
+        let x = self.algebra.beside(&x, &alone);
+        let x = self.hidden("mask.3", &x, 2 * WIDTH, 64)?;
+        self.linear("mask.4", &x, 64, 2)
     }
 
     /// Log-odds that parts' points overlap a true part's by three quarters: a row of [`TRUST`] features each.

@@ -5,5 +5,6 @@ mod architecture;
 mod weights;
 
 pub use algebra::{Algebra, Matrix, Plain, TINY, attention, softmax_rows};
-pub use architecture::{CLASSES, Network, Trunk};
+pub(crate) use architecture::WIDTH;
+pub use architecture::{CLASSES, GROUP, Network, Trunk};
 pub use weights::Weights;
