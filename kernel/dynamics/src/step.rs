@@ -147,8 +147,8 @@ impl StepWorkspace {
         self.problem.dry[k] != [0.0; 2] || self.problem.hinges.iter().any(|h| h.k == k)
     }
 
-    /// What is left of the impulses of dry friction that stand against a positive and against a negative motion of a degree of freedom which they
-    /// held in the last step.
+    /// What is left of the impulses of dry friction, N s or N m s, that stand against a positive and against a negative motion of a degree of
+    /// freedom which they held in the last step. Says nothing of one that they did not hold.
     pub fn spare(&self, k: usize) -> [f64; 2] {
         let Problem { n, A, b, v, dry, .. } = &self.problem;
         let needed = b[k] - A[k * n..(k + 1) * n].iter().zip(v).map(|(a, v)| a * v).sum::<f64>();
