@@ -32,7 +32,7 @@ pub use border::train_border;
 pub use evidence::train_evidence;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
-pub use mask::train_masks;
+pub use mask::{train_masks, train_more_masks};
 pub use trust::train_trust;
 
 /// What a training run is made by.

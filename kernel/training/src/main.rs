@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use sagci_modelling::Weights;
-use sagci_training::{Settings, TrainingError, lessons, train, train_border, train_evidence, train_masks, train_trust};
+use sagci_training::{Settings, TrainingError, lessons, train, train_border, train_evidence, train_masks, train_more_masks, train_trust};
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
 #[derive(Debug, Parser)]
@@ -36,13 +36,9 @@ struct Arguments {
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// Trains nothing but the last heads, anew: which groups of pieces are parts, where parts end,
-    /// what is to be trusted, and what says that parts move.
-    #[arg(long, requires = "from")]
-    heads: bool,
-    /// Trains nothing but the very last head, anew: what says that parts move.
-    #[arg(long, requires = "from", conflicts_with = "heads")]
-    evidence: bool,
+    /// Trains nothing but the last heads, all of them or those that are named.
+    #[arg(long, requires = "from", value_name = "HEAD", num_args = 0.., value_delimiter = ',')]
+    heads: Option<Vec<Head>>,
     /// Weights to go on from.
     #[arg(long, value_name = "FILE")]
     from: Option<PathBuf>,
@@ -67,14 +63,42 @@ const ROUNDS: [Settings; 10] = [
     Settings { seed: 12, objects: 27_000, at_once: 3000, epochs: 2, batch: 16, rate: 1.2e-3, kept: 0.0 },
 ];
 
-/// These heads come last, one after the other, each on what all before it make of fresh objects: after every round they are trained anew.
+/// The heads that come last, one after the other, each on what all before it make of fresh objects: after every round they are trained anew.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Head {
+    /// Which groups of pieces are parts.
+    Masks,
+    /// The same, going on from what is known.
+    MoreMasks,
+    /// Where parts end.
+    Border,
+    /// What is to be trusted.
+    Trust,
+    /// What says that parts move.
+    Evidence,
+}
+
 const MASKS: Settings = Settings { seed: 31, objects: 18_000, at_once: 6000, epochs: 3, batch: 16, rate: 1.5e-3, kept: 0.0 };
+const MORE_MASKS: Settings = Settings { seed: 33, objects: 28_000, at_once: 4000, epochs: 3, batch: 16, rate: 1.2e-3, kept: 0.0 };
 const BORDER: Settings = Settings { seed: 21, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 3e-3, kept: 0.0 };
 const TRUST: Settings = Settings { seed: 41, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 2e-3, kept: 0.0 };
 const EVIDENCE: Settings = Settings { seed: 51, objects: 8000, at_once: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 };
 
-/// Trains a head anew, by settings, beside weights that stay.
+/// Trains a head by settings, beside weights that stay.
 type TrainHead = fn(&Settings, &Weights, &mut dyn FnMut(&str)) -> Result<Weights, TrainingError>;
+
+impl Head {
+    /// How it is trained, and by which settings.
+    fn training(self) -> (TrainHead, Settings) {
+        match self {
+            Self::Masks => (train_masks, MASKS),
+            Self::MoreMasks => (train_more_masks, MORE_MASKS),
+            Self::Border => (train_border, BORDER),
+            Self::Trust => (train_trust, TRUST),
+            Self::Evidence => (train_evidence, EVIDENCE),
+        }
+    }
+}
 
 impl Arguments {
     /// Was none of the settings given?
@@ -99,10 +123,21 @@ impl Arguments {
 
     /// The rounds that are asked for, the last heads apart.
     fn rounds(&self) -> Vec<Settings> {
-        match (self.heads || self.evidence, self.from.is_none() && self.plain()) {
+        match (self.heads.is_some(), self.from.is_none() && self.plain()) {
             (true, _) => Vec::new(),
             (false, true) => ROUNDS.to_vec(),
             (false, false) => vec![self.settings(ROUNDS[0])],
+        }
+    }
+
+    /// The last heads that are asked for, in their order.
+    fn last(&self) -> Vec<Head> {
+        let all = Head::value_variants().iter().copied();
+        match &self.heads {
+            Some(named) if !named.is_empty() => all.filter(|h| named.contains(h)).collect(),
+            Some(_) => all.collect(),
+            None if self.from.is_none() && self.plain() => all.collect(),
+            None => Vec::new(),
         }
     }
 }
@@ -143,15 +178,13 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
         eprintln!("{}: {} bytes", a.out.display(), bytes.len());
         weights = Some(trained);
     }
-    let heads = a.heads || a.from.is_none() && a.plain();
-    if let (true, Some(mut made)) = (heads || a.evidence, weights) {
-        let mut log = |line: &str| eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
-        let all: [(TrainHead, Settings); 4] =
-            [(train_masks, MASKS), (train_border, BORDER), (train_trust, TRUST), (train_evidence, EVIDENCE)];
-        for (train, usual) in all.into_iter().skip(if heads { 0 } else { 3 }) {
-            made = train(&a.settings(usual), &made, &mut log)?;
-            std::fs::write(&a.out, made.to_bytes()?)?;
-        }
+    let mut log = |line: &str| eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
+    for head in a.last() {
+        let Some(before) = &weights else { break };
+        let (train, usual) = head.training();
+        let made = train(&a.settings(usual), before, &mut log)?;
+        std::fs::write(&a.out, made.to_bytes()?)?;
+        weights = Some(made);
     }
     Ok(())
 }

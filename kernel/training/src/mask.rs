@@ -90,7 +90,19 @@ fn means(scores: impl Iterator<Item = [f64; 3]>) -> [f64; 3] {
 pub fn train_masks(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
     let mut initial = Initial::new(settings.seed);
     Network::new(&mut initial).masks(Matrix::zeros(0, 0), Matrix::zeros(0, 0))?;
-    let mut weights = initial.weights;
+    trained(settings, from, initial.weights, log)
+}
+
+/// Goes on with the head that is there, on other objects.
+///
+/// Errors: as [`train_masks`].
+pub fn train_more_masks(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
+    let known = from.matrices.iter().filter(|(name, _)| name.starts_with("mask."));
+    let known = known.map(|(name, matrix)| (name.clone(), matrix.clone())).collect();
+    trained(settings, from, known, log)
+}
+
+fn trained(settings: &Settings, from: &Weights, mut weights: BTreeMap<String, Matrix>, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
     let batch = settings.batch.max(1);
     let at_once = settings.at_once.clamp(1, settings.objects.max(1));
     let fresh = lessons(settings.seed, settings.objects..settings.objects + settings.objects.div_ceil(LOOKED_AT), from);
