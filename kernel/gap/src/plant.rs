@@ -59,6 +59,8 @@ const ROWS: usize = 10;
 const SHOWN: f64 = 1.25;
 /// How many times more steps are tried where one fails.
 const FINER: f64 = 8.0;
+/// Longest step where it is gone carefully, s.
+const CAREFUL: f64 = 3.125e-4;
 /// Share of a velocity's change, and of what each effort alone would change it by, by which two ways over an interval may differ and still be
 /// near each other, and from which on they have no order. Between the two, and near where a joint turns round under friction, there is some
 /// of it: a switch would make errors jump where a number moves by nothing, and derivatives would be those of the jumps.
@@ -395,7 +397,7 @@ impl Plant {
         } else if coarse {
             motion.set_right(h);
             let efforts = |motion: &Motion, j: usize| duration * self.accelerates[j] * (motion.tau[j].abs() + motion.ws.load()[j].abs());
-            let careful = (2.0 * FINER * steps) as usize;
+            let careful = (duration / CAREFUL - SHORT).ceil().max(2.0 * steps) as usize;
             let stops = |motion: &Motion, j: usize| motion.stops_after(j, duration / careful as f64, h, self.accelerates[j]);
             let order = |motion: &Motion, j: usize| match self.smooth {
                 _ if stops(motion, j).is_some() => 1.0,
@@ -535,29 +537,32 @@ impl Plant {
 
     /// How much an effort accelerates joints within a row, by columns, at the most what the inverse of the mass matrix says. Effects may
     /// hold it back: a spring or a play that it has to go through, a friction that grows with it. So it is what a row shows after some rows
-    /// under the largest effort, when all moves and both sides of a play have met.
+    /// under the largest effort, when all moves and both sides of a play have met. A joint that friction holds even then is as free as its inertia.
     pub fn mobility(&self, q: &[f64], period: f64, most: &[f64]) -> Vec<f64> {
         if let Some(bare) = &self.behind_drives {
             return bare.mobility(q, period, most);
         }
         let rigid = self.inverse_mass_at(q);
         let n = most.len();
-        let end = |input: &[f64]| -> Option<Vec<f64>> {
+        // As it is read: a sensor that shows less shows less of the effort's noise, too.
+        let read = |motion: &Motion, j: usize| self.system.measure(&motion.state, 0.0, j).position.d_q * motion.state.v[j];
+        // Velocities before and after the last row.
+        let end = |input: &[f64]| -> Option<[Vec<f64>; 2]> {
             let mut row = Trajectory::steady(ROWS + 1, period, most, vec![Drive::Given; n]);
             let last = (ROWS - 1) * n;
             row.input[last..last + n].copy_from_slice(input);
             let mut motion = self.motion();
             motion.state.q.copy_from_slice(q);
             (0..ROWS).try_for_each(|k| self.interval(&mut motion, &row, k)).ok()?;
-            // As it is read: a sensor that shows less shows less of the effort's noise, too.
-            Some((0..n).map(|j| self.system.measure(&motion.state, 0.0, j).position.d_q * motion.state.v[j]).collect())
+            Some([motion.entered.clone(), (0..n).map(|j| read(&motion, j)).collect()])
         };
-        let Some(still) = end(most) else { return rigid };
+        let Some([before, still]) = end(most) else { return rigid };
         let mut mobility = rigid;
-        for j in 0..n {
+        // A joint that is held has nothing to show: a filter that took it for immovable would believe none of the motion that it sees.
+        for j in (0..n).filter(|j| before[*j] != 0.0) {
             let mut more = most.to_vec();
             more[j] *= 1.01;
-            let Some(pushed) = end(&more) else { continue };
+            let Some([_, pushed]) = end(&more) else { continue };
             for i in 0..n {
                 let found = (pushed[i] - still[i]) / (0.01 * most[j] * period);
                 let bound = SHOWN * mobility[j * n + i].abs();

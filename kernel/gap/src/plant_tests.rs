@@ -67,6 +67,17 @@ fn a_free_joint_that_turns_round_is_followed_to_second_order() {
     assert!(off(2.5e-4) < off(1.25e-3) / 15.0, "{} and {} rad", off(1.25e-3), off(2.5e-4));
 }
 
+/// A filter that is told that no effort moves a joint, since friction holds it under the largest, believes none of the motion that it sees.
+#[test]
+fn friction_that_holds_a_joint_does_not_make_it_immovable() {
+    let mobility = |friction: f64| {
+        let model = with(&door(), "coulomb_friction", &[("friction", friction)]);
+        Plant::new(&model, &[[false; 2]], STEP).unwrap().mobility(&[0.3], PERIOD, &[1.0])[0]
+    };
+    let (moves, held) = (mobility(0.5), mobility(1.5));
+    assert!((held / moves - 1.0).abs() < 0.02, "{held} where it is held, {moves} where it moves");
+}
+
 /// Two links that hang on one another.
 fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
     let link = |name: &str| {

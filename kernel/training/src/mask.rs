@@ -102,7 +102,12 @@ pub fn train_more_masks(settings: &Settings, from: &Weights, log: &mut dyn FnMut
     trained(settings, from, known, log)
 }
 
-fn trained(settings: &Settings, from: &Weights, mut weights: BTreeMap<String, Matrix>, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
+fn trained(
+    settings: &Settings,
+    from: &Weights,
+    mut weights: BTreeMap<String, Matrix>,
+    log: &mut dyn FnMut(&str),
+) -> Result<Weights, TrainingError> {
     let batch = settings.batch.max(1);
     let at_once = settings.at_once.clamp(1, settings.objects.max(1));
     let fresh = lessons(settings.seed, settings.objects..settings.objects + settings.objects.div_ceil(LOOKED_AT), from);
