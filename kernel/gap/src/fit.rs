@@ -277,6 +277,11 @@ impl Effort {
     pub const fn new(rounds: usize, enough: f64) -> Self {
         Self { rounds, enough, bar: f64::NEG_INFINITY }
     }
+
+    /// To the end, for what can be hoped to come near an evidence.
+    pub const fn to_the_end(bar: f64) -> Self {
+        Self { rounds: 20, enough: 0.2, bar }
+    }
 }
 
 impl Fit {
@@ -451,11 +456,11 @@ impl Fit {
         }
     }
 
-    /// Minimises to the end and leaves all derivatives fresh, or near it, but for those that are frozen. What cannot be hoped to come near
-    /// the `bar`, an evidence, is left as it is.
-    pub fn finish(mut self, problem: &Problem<'_>, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Self, GapError> {
-        self = self.improve(problem, scale, Effort { rounds: 20, enough: 0.2, bar }, begin)?;
-        if self.since > FAR && self.evidence(self.judged, scale) > bar - 2.0 * HOPE {
+    /// Minimises and leaves all derivatives fresh, or nearly so, but for those that are frozen. What cannot be hoped to come near the effort's
+    /// bar is left as it is.
+    pub fn finish(mut self, problem: &Problem<'_>, scale: f64, begin: Derivatives<'_>, effort: Effort) -> Result<Self, GapError> {
+        self = self.improve(problem, scale, effort, begin)?;
+        if self.since > FAR && self.evidence(self.judged, scale) > effort.bar - 2.0 * HOPE {
             self.differentiate(problem, begin.frozen)?;
         }
         Ok(self)

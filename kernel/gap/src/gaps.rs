@@ -176,7 +176,9 @@ pub(crate) fn gaps(
         // By the data alone, so that anyone who has them finds the same figures.
         let noise = noise::of_motion(data, n, FLOOR);
         let found = |data: &[Trajectory]| Smoothed::roughly(&followers[2], &plants[2], data, &noise);
-        let both: Vec<(Figures, Vec<Window>)> = plants
+        // Where nothing was named the found model is the refitted one.
+        let different = if current.hypothesis.x == refitted.hypothesis.x { 2 } else { 3 };
+        let mut both: Vec<(Figures, Vec<Window>)> = plants[..different]
             .par_iter()
             .zip(&followers)
             .map(|(plant, follower)| {
@@ -185,6 +187,7 @@ pub(crate) fn gaps(
                 Ok(smoothed.figures(plant, data, options.window, &ranges))
             })
             .collect::<Result<_, GapError>>()?;
+        both.extend_from_within(different - 1..2);
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
         let invented = invented([&followers[2], &plants[2]], &found(data)?, (data, &noise), (options.window, &ranges), options.seed);
         let (floor, _) = found(&invented)?.figures(&plants[2], &invented, options.window, &ranges);

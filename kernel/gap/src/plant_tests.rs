@@ -3,7 +3,7 @@
 use sagci_model::ObjectModel;
 use sagci_recording::{JointLog, Log, Series};
 
-use crate::fit::{Derivatives, Fit};
+use crate::fit::{Derivatives, Effort, Fit};
 use crate::hypothesis::{Hypothesis, Knob};
 use crate::noise;
 use crate::plant::Plant;
@@ -191,7 +191,10 @@ fn a_turn_of_an_axis_is_left_in_any_direction_from_none() {
     let known = Hypothesis::known(&model, &search.joints);
     let none = known.with("joint_axis_error", Some("hinge"), &[0.0; 7]).unwrap();
     let turns: Vec<usize> = (0..none.x.len()).filter(|i| matches!(none.fitted[*i].knob, Knob::Turn(..))).collect();
-    let fit = Fit::start(&search.problem, none.clone()).unwrap().finish(&search.problem, 1.0, Derivatives::FRESH, f64::INFINITY).unwrap();
+    let fit = Fit::start(&search.problem, none.clone())
+        .unwrap()
+        .finish(&search.problem, 1.0, Derivatives::FRESH, Effort::to_the_end(f64::INFINITY))
+        .unwrap();
     // A hinge that stands upright feels gravity where it leans to either side.
     let told = turns.iter().filter(|i| fit.is_told(**i, 1.0)).count();
     assert_eq!((turns.len(), told), (3, 2));

@@ -5,7 +5,7 @@ use sagci_model::ObjectModel;
 
 use crate::baselines::{baselines, free_refit, sparse_regression};
 use crate::experiment::{Question, propose};
-use crate::fit::{Derivatives, Fit};
+use crate::fit::{Derivatives, Effort, Fit};
 use crate::gaps::Measure;
 use crate::hypothesis::Hypothesis;
 use crate::remainder::{learn, remainder};
@@ -110,7 +110,10 @@ fn between(names: [&str; 2], parameters: &[(&str, f64)], starts: [&[f64]; 2], wi
     let base = search.known(&model, 1.0).unwrap();
     let fitted = |i: usize| {
         let start = base.hypothesis.with(names[i], Some("hinge"), starts[i]).unwrap();
-        Fit::start(&search.problem, start).unwrap().finish(&search.problem, 1.0, Derivatives::FRESH, f64::NEG_INFINITY).unwrap()
+        Fit::start(&search.problem, start)
+            .unwrap()
+            .finish(&search.problem, 1.0, Derivatives::FRESH, Effort::to_the_end(f64::NEG_INFINITY))
+            .unwrap()
     };
     let (named, rival) = (fitted(0), fitted(1));
     let scale = search.scale(&named);

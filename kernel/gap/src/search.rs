@@ -315,7 +315,7 @@ impl<'a> Search<'a> {
         let begin = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
         self.first_first(base, candidates, scale, |mut candidate: Candidate, bar: f64| {
             candidate.fit.judged = base.judged + candidate.fit.squares - base.squares;
-            let fit = candidate.fit.finish(&self.problem, scale, begin, bar).ok()?;
+            let fit = candidate.fit.finish(&self.problem, scale, begin, Effort::to_the_end(bar)).ok()?;
             Some(Candidate { fit, ..candidate })
         })
     }

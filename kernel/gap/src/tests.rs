@@ -212,7 +212,7 @@ fn a_fit_that_begins_far_off_ends_where_one_does_that_begins_near() {
     let known = Hypothesis::known(&model, &search.joints);
     let cost = |values: &[f64]| {
         let start = Fit::start(&search.problem, known.with("joint_spring", Some("hinge"), values).unwrap()).unwrap();
-        let fit = start.finish(&search.problem, 1.0, Derivatives::FRESH, f64::NEG_INFINITY).unwrap();
+        let fit = start.finish(&search.problem, 1.0, Derivatives::FRESH, Effort::to_the_end(f64::NEG_INFINITY)).unwrap();
         0.5 * fit.squares + fit.hypothesis.prior(&fit.hypothesis.x)
     };
     let near = cost(&[0.15, -2.0]);

@@ -49,6 +49,9 @@ const JITTER: f64 = 0.1;
 const PLAIN: f64 = 0.6;
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
+/// Fall of the cost below which fits over all of an arm's data may be compared: derivatives that nearly hold bring little at a time, and evidence
+/// that counts is ten times as much.
+const COMPARED: f64 = 1.0;
 /// Steps that are not halved any more, s.
 const SHORTEST: f64 = 5e-4;
 
@@ -58,7 +61,7 @@ impl<'a> Search<'a> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
         let known = self.known_columns(&fit)?;
         let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
-        Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, Effort::to_the_end(f64::NEG_INFINITY))?))
     }
 
     /// The same of one that adds to a base, as long as it can be hoped to come near an evidence.
@@ -68,13 +71,13 @@ impl<'a> Search<'a> {
         fit.judged = base.judged + fit.squares - base.squares;
         let known = self.known_columns(&fit)?;
         let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
-        Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, Effort { enough: COMPARED, ..Effort::to_the_end(bar) })?))
     }
 
     /// The same with derivatives to begin with.
     fn refit_towards(&self, fit: &Fit, scale: f64, begin: Derivatives<'_>, bar: f64) -> Result<Fit, GapError> {
         let fit = Fit::start(&self.problem, fit.hypothesis.clone())?;
-        Ok(self.judge(fit.finish(&self.problem, scale, begin, bar)?))
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, Effort::to_the_end(bar))?))
     }
 
     /// A fit with derivatives where it stands, as far as the simulator gives them.
@@ -98,7 +101,7 @@ impl<'a> Search<'a> {
         let anew = || {
             let known = self.known_columns(fit)?;
             let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
-            Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
+            Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, Effort::to_the_end(f64::NEG_INFINITY))?))
         };
         anew().unwrap_or_else(|_| fit.clone())
     }
@@ -117,7 +120,7 @@ impl<'a> Search<'a> {
     pub fn fit_on(&self, fit: Fit, scale: f64) -> Result<Fit, GapError> {
         let known = self.columns_of(&fit).map(<[_]>::to_vec);
         let begin = Derivatives { kept: fit.jacobian.len() == fit.hypothesis.x.len(), frozen: known.as_deref(), roughly: false };
-        Ok(self.judge(fit.finish(&self.problem, scale, begin, f64::NEG_INFINITY)?))
+        Ok(self.judge(fit.finish(&self.problem, scale, begin, Effort::to_the_end(f64::NEG_INFINITY))?))
     }
 
     /// A few steps under a noise that is not the one a fit was made under.
