@@ -46,6 +46,10 @@ impl JointView {
     }
 }
 
+/// Frequencies at which rotors swing against a link that is held, Hz, and how many times as fast each start's does as the one before.
+const ROTOR: [f64; 2] = [2.2, 42.0];
+const STEP_OF_ROTOR: f64 = 1.12;
+
 /// Values of an effect's parameters, in its order, at which fits begin.
 pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
     let JointView { force: f, speed: v, inertia: m, range: [low, high], period: h, .. } = *view;
@@ -104,14 +108,15 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, 0.0], &gaps)).collect()
         }
         "joint_elasticity" => {
-            let rotors = [0.08, 0.3];
-            let start = |hz: f64, share: f64| {
-                // The mode of rotor against link.
-                let k = m * share * (1.0 - share).max(0.1) * (TAU * hz).powi(2);
-                vec![k, 0.1 * k / (TAU * hz), share * m, 0.0]
+            // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to some
+            // hundredths, keeps in step with what is seen. Of its inertia any will do.
+            let start = |(i, share): (i32, f64)| {
+                let rate = TAU * ROTOR[0] * STEP_OF_ROTOR.powi(i);
+                let k = share * m * rate * rate;
+                vec![k, 0.12 * k / rate, share * m, 0.0]
             };
-            // A mode is seen within a third of its frequency.
-            [2.5, 3.8, 5.7, 8.5, 13.0, 19.0, 28.0, 42.0].iter().flat_map(|hz| each(&|share| start(*hz, share), &rotors)).collect()
+            let count = ((ROTOR[1] / ROTOR[0]).ln() / STEP_OF_ROTOR.ln()) as i32;
+            (0..=count).zip([0.08, 0.3].into_iter().cycle()).map(start).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
         "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),

@@ -64,6 +64,17 @@ fn a_stop_is_begun_as_far_before_the_end_as_it_takes_to_stop_the_joint() {
     }
 }
 
+/// A rotor that swings at another rate than the one that is seen is out of step with it before a second has passed, and promises nothing.
+#[test]
+fn a_rotor_is_begun_at_nearly_the_rate_at_which_it_swings() {
+    let rates: Vec<f64> = starts("joint_elasticity", &view()).iter().map(|v| (v[0] / v[2]).sqrt() / std::f64::consts::TAU).collect();
+    for i in 0..200 {
+        let rate = 2.5 * (40.0_f64 / 2.5).powf(f64::from(i) / 199.0);
+        let off = rates.iter().map(|r| (r / rate).ln().abs()).fold(f64::INFINITY, f64::min);
+        assert!(off < 0.06, "{rate} Hz is far from all of {rates:?}");
+    }
+}
+
 #[test]
 fn a_payload_beside_the_links_center_is_begun_near() {
     let view = view();
