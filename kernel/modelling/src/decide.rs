@@ -92,6 +92,10 @@ pub(crate) const WALLED: f64 = 0.7;
 const PROVEN: f64 = 0.2;
 const SEAM: f64 = 0.25;
 
+/// Beside parts that are trusted one is none that overlaps a true part by three quarters with less than this probability: a strip of the front
+/// beside its door, mostly.
+const FAINT: f64 = 0.2;
+
 /// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
 struct Seen<'a> {
     quarter: usize,
@@ -495,25 +499,31 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let trust = network.trust(trust)?;
     let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
     let confidence = |k: usize| likely(trust[k]);
+    // Of each part that is left, its number among those that the heads were asked about.
+    let mut kept: Vec<usize> = (0..groups.len()).collect();
     let mut unproven = None;
     if !groups.is_empty() {
         let moves = network.evidence(evidence)?.iter().copied().map(likely).fold(0.0, f64::max);
         let seam = groups.iter().map(|g| evidence::seam(&first.seen.side.posed, g)).fold(0.0, f64::max);
         if moves < PROVEN && seam < SEAM {
             unproven = Some(moves);
-            groups.clear();
-            pieces.clear();
-            label.iter_mut().flatten().for_each(|l| *l = 0);
+            kept.clear();
+        } else if kept.iter().any(|g| confidence(g + 1) >= FAINT) {
+            kept.retain(|g| confidence(g + 1) >= FAINT);
         }
     }
+    let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
+    label.iter_mut().flatten().for_each(|l| *l = number(*l));
+    groups = kept.iter().map(|g| std::mem::take(&mut groups[*g])).collect();
+    pieces = kept.iter().map(|g| std::mem::take(&mut pieces[*g])).collect();
     let side = Side::new(&fine, first.seen.quarter);
     let mut parts = Vec::new();
     if !groups.is_empty() {
         let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
         let still = Still::of(&side.posed, &label);
-        for g in 0..groups.len() {
+        for (k, g) in kept.into_iter().enumerate() {
             let asked = (share[g], 1.0 - promise[g]);
-            let part = moving_part(&still, asked, &pieces[g], &candidates[g], &out, g * CANDIDATES);
+            let part = moving_part(&still, asked, &pieces[k], &candidates[k], &out, k * CANDIDATES);
             parts.push(Moving { confidence: confidence(g + 1), ..part });
         }
     }

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use sagci_modelling::network::{Matrix, Weights};
 use sagci_training::{
-    Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_evidence, train_masks, train_trust,
+    Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_evidence, train_masks, train_more_masks, train_trust,
 };
 
 const SETTINGS: Settings = Settings { seed: 5, objects: 10, at_once: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
@@ -79,6 +79,19 @@ fn the_last_heads_learn_beside_weights_that_stay_and_repeat_to_the_bit() {
             assert_eq!(*before == first.matrices[name], !learned, "{name}");
         }
     }
+}
+
+/// A head that goes on begins as what it was: where nothing is learned, it is that to the bit.
+#[test]
+fn a_head_that_goes_on_does_not_begin_anew() {
+    let shipped = Weights::shipped().unwrap();
+    let on = |rate: f64| train_more_masks(&Settings { objects: 4, epochs: 1, rate, ..SETTINGS }, &shipped, &mut |_| {}).unwrap().matrices;
+    assert_eq!(on(0.0), shipped.matrices);
+    let learned = on(1e-3);
+    for (name, before) in &shipped.matrices {
+        assert!(*before == learned[name] || name.starts_with("mask."), "{name}");
+    }
+    assert_ne!(learned, shipped.matrices);
 }
 
 /// Each object is drawn once, and all of them are, if the last part is smaller.
