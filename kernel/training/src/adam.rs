@@ -34,11 +34,11 @@ impl Adam {
             let m = self.first.entry(name.clone()).or_insert_with(|| Matrix::zeros(g.nrows(), g.ncols()));
             let v = self.second.entry(name.clone()).or_insert_with(|| Matrix::zeros(g.nrows(), g.ncols()));
             let decay = if name.ends_with(".weight") { 5e-2 } else { 0.0 };
-            for i in 0..g.len() {
-                let x = g[i] * clip;
-                m[i] = 0.9 * m[i] + 0.1 * x;
-                v[i] = 0.999 * v[i] + 0.001 * x * x;
-                w[i] -= rate * (m[i] / bias[0] / ((v[i] / bias[1]).sqrt() + 1e-8) + decay * w[i]);
+            for (((w, g), m), v) in w.iter_mut().zip(g.iter()).zip(m.iter_mut()).zip(v.iter_mut()) {
+                let x = g * clip;
+                *m = 0.9 * *m + 0.1 * x;
+                *v = 0.999 * *v + 0.001 * x * x;
+                *w -= rate * (*m / bias[0] / ((*v / bias[1]).sqrt() + 1e-8) + decay * *w);
             }
         }
     }

@@ -20,18 +20,14 @@ pub(crate) fn learned<S: Send>(
         learn(*i, &mut own).map(|s| (s, own))
     };
     let all: Vec<Result<(S, Gradients), ModellingError>> = batch.par_iter().map(each).collect();
-    let (mut scores, mut sum) = (Vec::with_capacity(batch.len()), Gradients::new());
+    let (mut scores, mut by_name) = (Vec::with_capacity(batch.len()), BTreeMap::<String, Vec<Matrix>>::new());
     for one in all {
         let (score, own) = one?;
         scores.push(score);
         for (name, d) in own {
-            match sum.get_mut(&name) {
-                Some(s) => *s += d,
-                None => {
-                    sum.insert(name, d);
-                }
-            }
+            by_name.entry(name).or_default().push(d);
         }
     }
+    let sum = by_name.into_par_iter().filter_map(|(name, each)| Some((name, each.into_iter().reduce(|sum, d| sum + d)?))).collect();
     Ok((scores, sum))
 }

@@ -67,6 +67,15 @@ pub enum TrainingError {
         /// How many were drawn.
         objects: u64,
     },
+    /// The mean of none was asked for.
+    #[error("the mean of no weights is none: give one file at least")]
+    NoWeights,
+    /// Weights whose mean was asked for differ in more than their values.
+    #[error("weights of other networks have no mean: '{name}' is missing in one, or has another shape")]
+    Unlike {
+        /// The matrix.
+        name: String,
+    },
     /// Settings could not be written down.
     #[error("the settings cannot be written: {0}")]
     Settings(#[from] serde_json::Error),
@@ -106,7 +115,7 @@ pub fn train(
     let mut adam = adam::Adam::new(steps, settings.rate);
     let mut random = Random::new(settings.seed, "order");
     let mut lines = Vec::new();
-    let mut made = Weights { matrices: weights.clone(), made_by: String::new() };
+    let mut made = Weights { matrices: from.map_or_else(BTreeMap::new, |f| f.matrices.clone()), made_by: String::new() };
     for part in 0..parts {
         let lessons = draw(part * at_once..((part + 1) * at_once).min(settings.objects));
         if lessons.is_empty() {
@@ -129,7 +138,7 @@ pub fn train(
                 line += &format!("\n        fresh  {}", judge(&weights, checked)?.line());
             }
             lines.push(line.clone());
-            made.matrices.clone_from(&weights);
+            made.matrices.extend(weights.clone());
             let mut note = serde_json::json!({ "settings": settings, "log": lines });
             if let (Some(before), Some(note)) = (&before, note.as_object_mut()) {
                 note.insert("from".to_owned(), before.clone());
@@ -142,6 +151,41 @@ pub fn train(
         keep(&mut made.matrices, &from.matrices, settings.kept as f32);
     }
     Ok(made)
+}
+
+/// The mean of weights that went on from the same ones, each on objects of its own: it knows more of other objects than any of them (Wortsman et
+/// al., "Model soups", ICML 2022).
+///
+/// Errors: none given; weights of other names or shapes than the first.
+pub fn mean(all: &[Weights]) -> Result<Weights, TrainingError> {
+    let (first, others) = all.split_first().ok_or(TrainingError::NoWeights)?;
+    let mut matrices = first.matrices.clone();
+    for other in others {
+        if let Some(name) = unlike(first, other) {
+            return Err(TrainingError::Unlike { name });
+        }
+        matrices.iter_mut().for_each(|(name, sum)| *sum += &other.matrices[name]);
+    }
+    matrices.values_mut().for_each(|sum| *sum /= all.len() as f32);
+    let notes: Result<Vec<serde_json::Value>, serde_json::Error> = all.iter().map(|w| serde_json::from_str(&w.made_by)).collect();
+    let mut notes = notes?;
+    // What they all went on from is said once.
+    let before = notes[0].get("from").filter(|b| notes.iter().all(|n| n.get("from") == Some(b))).cloned();
+    let mut note = serde_json::Map::new();
+    if let Some(before) = before {
+        notes.iter_mut().filter_map(|n| n.as_object_mut()).for_each(|n| drop(n.remove("from")));
+        note.insert("from".to_owned(), before);
+    }
+    note.insert("mean_of".to_owned(), notes.into());
+    Ok(Weights { matrices, made_by: serde_json::to_string(&note)? })
+}
+
+/// The name of a matrix that only one of two has, or in another shape.
+fn unlike(a: &Weights, b: &Weights) -> Option<String> {
+    let lacks = |a: &Weights, b: &Weights| {
+        a.matrices.iter().find(|(name, m)| b.matrices.get(*name).is_none_or(|o| o.shape() != m.shape())).map(|(name, _)| name.clone())
+    };
+    lacks(a, b).or_else(|| lacks(b, a))
 }
 
 /// Weights between those that were and those that came of them. What there was not before stays as it was learned.

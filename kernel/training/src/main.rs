@@ -7,7 +7,9 @@ use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
 use sagci_modelling::Weights;
-use sagci_training::{Settings, TrainingError, lessons, train, train_border, train_evidence, train_masks, train_more_masks, train_trust};
+use sagci_training::{
+    Settings, TrainingError, lessons, mean, train, train_border, train_evidence, train_masks, train_more_masks, train_trust,
+};
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
 #[derive(Debug, Parser)]
@@ -39,9 +41,9 @@ struct Arguments {
     /// Trains nothing but the last heads, all of them or those that are named.
     #[arg(long, requires = "from", value_name = "HEAD", num_args = 0.., value_delimiter = ',')]
     heads: Option<Vec<Head>>,
-    /// Weights to go on from.
-    #[arg(long, value_name = "FILE")]
-    from: Option<PathBuf>,
+    /// Weights to go on from; of several their mean, which is written as it is where nothing else is asked for.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    from: Vec<PathBuf>,
     /// The file to write.
     #[arg(long)]
     out: PathBuf,
@@ -123,7 +125,7 @@ impl Arguments {
 
     /// The rounds that are asked for, the last heads apart.
     fn rounds(&self) -> Vec<Settings> {
-        match (self.heads.is_some(), self.from.is_none() && self.plain()) {
+        match (self.heads.is_some() || (self.from.len() > 1 && self.plain()), self.from.is_empty() && self.plain()) {
             (true, _) => Vec::new(),
             (false, true) => ROUNDS.to_vec(),
             (false, false) => vec![self.settings(ROUNDS[0])],
@@ -136,7 +138,7 @@ impl Arguments {
         match &self.heads {
             Some(named) if !named.is_empty() => all.filter(|h| named.contains(h)).collect(),
             Some(_) => all.collect(),
-            None if self.from.is_none() && self.plain() => all.collect(),
+            None if self.from.is_empty() && self.plain() => all.collect(),
             None => Vec::new(),
         }
     }
@@ -159,7 +161,15 @@ fn main() -> ExitCode {
 
 fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     rayon::ThreadPoolBuilder::new().num_threads(a.threads).build_global()?;
-    let mut weights = a.from.as_deref().map(Weights::read).transpose()?;
+    let from: Vec<Weights> = a.from.iter().map(|f| Weights::read(f)).collect::<Result<_, _>>()?;
+    let mut weights = match from.len() {
+        0 | 1 => from.into_iter().next(),
+        _ => {
+            let both = mean(&from)?;
+            std::fs::write(&a.out, both.to_bytes()?)?;
+            Some(both)
+        }
+    };
     let start = Instant::now();
     for settings in a.rounds() {
         // Others of the same families: the held-out ones are for the evaluation alone.

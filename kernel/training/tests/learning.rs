@@ -6,7 +6,8 @@ use std::ops::Range;
 
 use sagci_modelling::network::{Matrix, Weights};
 use sagci_training::{
-    Lesson, Settings, TrainingError, judge, learn, lessons, train, train_border, train_evidence, train_masks, train_more_masks, train_trust,
+    Lesson, Settings, TrainingError, judge, learn, lessons, mean, train, train_border, train_evidence, train_masks, train_more_masks,
+    train_trust,
 };
 
 const SETTINGS: Settings = Settings { seed: 5, objects: 10, at_once: 10, epochs: 6, batch: 4, rate: 2e-3, kept: 0.0 };
@@ -125,4 +126,39 @@ fn what_was_known_is_kept_by_its_share() {
         assert!((m - mean).amax() < 1e-6, "{name}");
     }
     assert_ne!(half, learned.matrices, "nothing was learned");
+}
+
+/// Heads that a round does not train must not be lost with it: they go on from what they were.
+#[test]
+fn a_round_leaves_other_heads_as_they_were() {
+    let shipped = Weights::shipped().unwrap();
+    let settings = Settings { objects: 4, epochs: 1, ..SETTINGS };
+    let learned = train(&settings, Some(&shipped), &mut drawn(3), &[], &mut |_, _| {}).unwrap().matrices;
+    assert!(learned.keys().eq(shipped.matrices.keys()));
+    for last in ["mask.", "border.", "trust.", "evidence."] {
+        assert!(shipped.matrices.iter().filter(|(name, _)| name.starts_with(last)).all(|(name, m)| *m == learned[name]), "{last}");
+    }
+    assert_ne!(learned, shipped.matrices);
+}
+
+#[test]
+fn a_mean_lies_between_its_members_and_says_once_what_they_went_on_from() {
+    let round = |seed: u64, from: Option<&Weights>| {
+        let settings = Settings { seed, objects: 4, epochs: 1, ..SETTINGS };
+        train(&settings, from, &mut drawn(seed), &[], &mut |_, _| {}).unwrap()
+    };
+    let before = round(3, None);
+    let [one, other] = [round(4, Some(&before)), round(5, Some(&before))];
+    let both = mean(&[one.clone(), other.clone()]).unwrap();
+    for (name, m) in &both.matrices {
+        assert!((m - (&one.matrices[name] + &other.matrices[name]) * 0.5).amax() < 1e-6, "{name}");
+    }
+    let note: serde_json::Value = serde_json::from_str(&both.made_by).unwrap();
+    let known: serde_json::Value = serde_json::from_str(&before.made_by).unwrap();
+    assert_eq!(note["from"], known);
+    let seeds: Vec<u64> = note["mean_of"].as_array().unwrap().iter().filter_map(|n| n["settings"]["seed"].as_u64()).collect();
+    assert_eq!(seeds, [4, 5]);
+    let narrower = Weights { matrices: one.matrices.iter().skip(1).map(|(k, v)| (k.clone(), v.clone())).collect(), ..one.clone() };
+    assert!(matches!(mean(&[one, narrower]), Err(TrainingError::Unlike { .. })));
+    assert!(matches!(mean(&[]), Err(TrainingError::NoWeights)));
 }
