@@ -92,9 +92,11 @@ pub(crate) const WALLED: f64 = 0.7;
 const PROVEN: f64 = 0.2;
 const SEAM: f64 = 0.25;
 
-/// Beside parts that are trusted one is none that overlaps a true part by three quarters with less than this probability: a strip of the front
-/// beside its door, mostly.
+/// Beside parts that are trusted one is none that overlaps a true part by three quarters with less than this probability and is small: a strip
+/// of the front beside its door, mostly. What is as large as they are may be the other leaf, shut.
 const FAINT: f64 = 0.2;
+/// Share of the points of the largest trusted part below which a part is small.
+const SMALL: f64 = 0.5;
 
 /// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
 struct Seen<'a> {
@@ -508,8 +510,11 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
         if moves < PROVEN && seam < SEAM {
             unproven = Some(moves);
             kept.clear();
-        } else if kept.iter().any(|g| confidence(g + 1) >= FAINT) {
-            kept.retain(|g| confidence(g + 1) >= FAINT);
+        } else {
+            let size = |g: usize| label.iter().flatten().filter(|l| **l as usize == g + 1).count() as f64;
+            let trusted = |g: usize| confidence(g + 1) >= FAINT;
+            let largest = kept.iter().filter(|g| trusted(**g)).map(|g| size(*g)).fold(0.0, f64::max);
+            kept.retain(|g| trusted(*g) || size(*g) >= SMALL * largest);
         }
     }
     let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);

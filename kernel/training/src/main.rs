@@ -35,6 +35,9 @@ struct Arguments {
     /// Share that stays of the weights that it goes on from.
     #[arg(long)]
     kept: Option<f64>,
+    /// Objects of a round that are looked at only.
+    #[arg(long, default_value_t = 500)]
+    checked: u64,
     /// Threads; their number does not change the result.
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -146,9 +149,6 @@ impl Arguments {
 
 /// What is added to the seed of the objects that are learned from, for those that are not.
 const FRESH: u64 = 1_000;
-/// Objects that are looked at only.
-const CHECKED: u64 = 500;
-
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -173,7 +173,7 @@ fn run(a: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let start = Instant::now();
     for settings in a.rounds() {
         // Others of the same families: the held-out ones are for the evaluation alone.
-        let checked = lessons(settings.seed.wrapping_add(FRESH), 0..CHECKED, false);
+        let checked = lessons(settings.seed.wrapping_add(FRESH), 0..a.checked, false);
         let mut draw = |objects| lessons(settings.seed, objects, false);
         let trained = train(&settings, weights.as_ref(), &mut draw, &checked, &mut |line, so_far| {
             eprintln!("{:6.0} s  {line}", start.elapsed().as_secs_f64());
