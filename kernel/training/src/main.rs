@@ -128,10 +128,12 @@ impl Arguments {
 
     /// The rounds that are asked for, the last heads apart.
     fn rounds(&self) -> Vec<Settings> {
-        match (self.heads.is_some() || (self.from.len() > 1 && self.plain()), self.from.is_empty() && self.plain()) {
-            (true, _) => Vec::new(),
-            (false, true) => ROUNDS.to_vec(),
-            (false, false) => vec![self.settings(ROUNDS[0])],
+        match (self.from.len(), self.plain()) {
+            _ if self.heads.is_some() => Vec::new(),
+            (0, true) => ROUNDS.to_vec(),
+            // Their mean is all that is asked for.
+            (2.., true) => Vec::new(),
+            _ => vec![self.settings(ROUNDS[0])],
         }
     }
 
@@ -149,6 +151,7 @@ impl Arguments {
 
 /// What is added to the seed of the objects that are learned from, for those that are not.
 const FRESH: u64 = 1_000;
+
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
