@@ -92,6 +92,11 @@ pub(crate) const WALLED: f64 = 0.7;
 const PROVEN: f64 = 0.2;
 const SEAM: f64 = 0.25;
 
+/// Of a thing no group of which promises to be a part the likeliest is asked about all the same, for its seam, which groups are not asked about.
+/// What it promises for both overlaps is more than the first of these, and it moves rather than not.
+const HARDLY: f64 = 0.1;
+const PROVEN_ALONE: f64 = 0.5;
+
 /// Beside parts that are trusted one is none that overlaps a true part by three quarters with less than this probability and is small: a strip
 /// of the front beside its door, mostly. What is as large as they are may be the other leaf, shut.
 const FAINT: f64 = 0.2;
@@ -183,6 +188,8 @@ struct First<'a> {
     /// Parts, each by its superpoints, and how likely it overlaps a true part by half and by three quarters.
     groups: Vec<Vec<usize>>,
     promises: Vec<[f64; 2]>,
+    /// Did none promise enough, so that the likeliest is the only one?
+    doubtful: bool,
 }
 
 /// Points of each superpoint.
@@ -236,7 +243,7 @@ impl<'a> First<'a> {
         }
         let size = |g: &Vec<usize>| g.iter().map(|i| analysis.superpoints[*i].points.len()).sum();
         nodes.retain(|g| enough(size(g), analysis.points.len()));
-        Ok(Self { index, seen, classes, walled, doubt, odds, nodes, groups: Vec::new(), promises: Vec::new() })
+        Ok(Self { index, seen, classes, walled, doubt, odds, nodes, groups: Vec::new(), promises: Vec::new(), doubtful: false })
     }
 
     /// With the groups that are parts.
@@ -250,7 +257,13 @@ impl<'a> First<'a> {
         let odds = Network::new(plain).masks(rows, relations)?;
         let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
         let promises: Vec<[f64; 2]> = (0..first.nodes.len()).map(|k| [0, 1].map(|c| likely(odds[(k, c)]))).collect();
-        for k in chosen(&first.nodes, &promises) {
+        let mut taken = chosen(&first.nodes, &promises);
+        if taken.is_empty() {
+            let sum = |k: &usize| promises[*k][0] + promises[*k][1];
+            taken.extend((0..promises.len()).filter(|k| sum(k) > HARDLY).max_by(|a, b| sum(a).total_cmp(&sum(b))));
+            first.doubtful = true;
+        }
+        for k in taken {
             first.groups.push(first.nodes[k].clone());
             first.promises.push(promises[k]);
         }
@@ -507,7 +520,8 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     if !groups.is_empty() {
         let moves = network.evidence(evidence)?.iter().copied().map(likely).fold(0.0, f64::max);
         let seam = groups.iter().map(|g| evidence::seam(&first.seen.side.posed, g)).fold(0.0, f64::max);
-        if moves < PROVEN && seam < SEAM {
+        let needed = if first.doubtful { PROVEN_ALONE } else { PROVEN };
+        if moves < needed && seam < SEAM {
             unproven = Some(moves);
             kept.clear();
         } else {
