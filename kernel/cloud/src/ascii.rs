@@ -11,6 +11,11 @@ fn number(word: &str) -> Option<f64> {
     if odd { Some(f64::NAN) } else { word.parse().ok() }
 }
 
+/// How many lines hold anything.
+pub(crate) fn held(body: &[u8]) -> usize {
+    body.split(|b| *b == b'\n').filter(|l| !l.trim_ascii().is_empty()).count()
+}
+
 /// Reads `count` points of `width` words a line, of which three are the coordinates, starting with the line after `line`; `after` lines may
 /// follow them.
 pub(crate) fn points(
@@ -50,6 +55,6 @@ pub(crate) fn points(
     if points.len() < count {
         return Err(Fault::new(format!("is cut off: it says that it has {count} points, but holds {}", points.len())));
     }
-    let left = body[used.min(body.len())..].split(|b| *b == b'\n').filter(|l| !l.trim_ascii().is_empty()).count();
+    let left = held(&body[used.min(body.len())..]);
     if left > after { Err(Fault::more(count, &format!("{} lines", left - after))) } else { Ok(points) }
 }

@@ -82,13 +82,16 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
     };
     let body = bytes.get(at..).unwrap_or_default();
     let cut = |held: usize| Fault::new(format!("is cut off: it says that it has {n} points, but holds {held}"));
-    if n > POINTS && n > body.len() {
-        return Err(cut(0));
-    }
-    if n > POINTS {
-        return Err(Fault::new(format!("has {n} points; at most {POINTS} are read")));
-    }
     let size: usize = fields.iter().map(|f| f.number.size() * f.count).sum();
+    if n > POINTS {
+        let held = match data.as_str() {
+            "ascii" => ascii::held(body),
+            "binary" => body.len() / size.max(1),
+            // What is packed says so itself; more points than bytes it cannot hold.
+            _ => body.len(),
+        };
+        return Err(if n > held { cut(held) } else { Fault::new(format!("has {n} points; at most {POINTS} are read")) });
+    }
     let before = |k: usize| fields[..k].iter().map(|f| f.number.size() * f.count).sum::<usize>();
     match data.as_str() {
         "ascii" => {

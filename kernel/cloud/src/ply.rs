@@ -95,8 +95,12 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<Point3<f64>>, Fault> {
         if element.name == "vertex" {
             let cut = |held: usize| Fault::new(format!("is cut off: it says that it has {} points, but holds {held}", element.count));
             if element.count > POINTS {
-                return Err(match element.count > body.len() {
-                    true => cut(body.len() / record(element).unwrap_or(1).max(1)),
+                let held = match (format, record(element)) {
+                    (Format::Ascii, _) | (_, None) => ascii::held(body),
+                    (Format::Binary { .. }, Some(size)) => body.len() / size.max(1),
+                };
+                return Err(match element.count > held {
+                    true => cut(held),
                     false => Fault::new(format!("has {} points; at most {POINTS} are read", element.count)),
                 });
             }

@@ -111,7 +111,15 @@ fn a_header_that_lies_about_its_count_is_refused_with_both_numbers() {
             let lying = [&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat();
             let message = parse(&lying).unwrap_err().message;
             assert!(message.contains("cut off") && message.contains(to.split(' ').next_back().unwrap()), "{message}");
+            assert!(message.ends_with("but holds 3"), "{message}");
         }
+    }
+    for data in ["ascii", "binary"] {
+        let bytes = pcd(data);
+        let at = bytes.windows(5).position(|w| w == b"DATA ").unwrap();
+        let header = String::from_utf8_lossy(&bytes[..at]).replace("POINTS 3", "POINTS 4000000000").replace("WIDTH 3", "WIDTH 4000000000");
+        let message = parse(&[header.as_bytes(), &bytes[at..]].concat()).unwrap_err().message;
+        assert!(message.ends_with("says that it has 4000000000 points, but holds 3"), "{message}");
     }
     let bytes = pcd("binary");
     let text = String::from_utf8_lossy(&bytes).replace("POINTS 3", "POINTS 900").replace("WIDTH 3", "WIDTH 900");

@@ -56,8 +56,13 @@ fn names(path: &Path, log: &mut Log, model: &ObjectModel, is_chosen: bool) -> Re
     let measured: Vec<&str> = log.joints.iter().map(|j| j.name.as_str()).collect();
     let is_known = |name: &str| model.joint(name).is_some();
     let others: Vec<&str> = measured.iter().copied().filter(|n| !is_known(n)).collect();
-    let free = || moving.iter().copied().filter(|m| !measured.contains(m));
-    let misspelt = others.iter().find_map(|name| Some((*name, nearest(name, free())?)));
+    // Of a joint one column may have its name and another a misspelt one.
+    let goes_with = |o: &JointLog, j: &JointLog| {
+        (o.position.time.is_empty() || j.position.time.is_empty()) && (o.command.is_none() || j.command.is_none())
+    };
+    let may_be = |o: &JointLog, m: &str| log.joints.iter().find(|j| j.name == m).is_none_or(|j| goes_with(o, j));
+    let meant = |o: &JointLog| nearest(&o.name, moving.iter().copied().filter(|m| may_be(o, m)));
+    let misspelt = log.joints.iter().filter(|j| !is_known(&j.name)).find_map(|j| Some((j.name.as_str(), meant(j)?)));
     if let Some((name, meant)) = misspelt
         && (is_chosen || others.len() == measured.len())
     {

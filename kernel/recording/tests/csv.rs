@@ -204,6 +204,7 @@ fn headers_that_say_something_else_are_refused_with_what_was_meant() {
         ("time,temperature", vec!["names no joint"]),
         ("time,hinges.position", vec!["'hinges', which cabinet does not have", "did you mean 'hinge'?"]),
         ("time,hinge.position,drawr.position", vec!["'drawr'", "did you mean 'drawer'?"]),
+        ("time,hinje.position,hinge.command_effort", vec!["'hinje', which cabinet does not have", "did you mean 'hinge'?"]),
         ("time,elbow.position", vec!["measures elbow", "there are: hinge, drawer, wheel"]),
     ] {
         let columns = header.split(',').count();
