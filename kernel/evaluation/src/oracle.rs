@@ -72,9 +72,11 @@ fn neighbours(name: &str) -> &'static [&'static str] {
         "coulomb_friction" => &["viscous_friction"],
         "quadratic_drag" | "soft_close_damper" => &["viscous_friction", "coulomb_friction"],
         "asymmetric_friction" => &["coulomb_friction", "viscous_friction", "torque_bias"],
-        "stribeck_friction" | "presliding_hysteresis" | "load_dependent_friction" | "position_dependent_friction" | "backlash" => {
+        "stribeck_friction" | "presliding_hysteresis" | "load_dependent_friction" | "position_dependent_friction" => {
             &["coulomb_friction", "viscous_friction"]
         }
+        // A gap that the load never opens is the rotor's inertia.
+        "backlash" => &["armature_inertia", "coulomb_friction", "viscous_friction"],
         "cable_hysteresis" => &["joint_spring", "torque_bias", "coulomb_friction", "viscous_friction"],
         "magnetic_gasket" | "latch" | "detent" | "air_suction" | "hard_stop" => &["joint_spring", "torque_bias"],
         "joint_spring" | "hinge_tilt" | "sensor_drift" | "encoder_offset" => &["torque_bias"],

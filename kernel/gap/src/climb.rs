@@ -254,7 +254,8 @@ impl<'a> Climb<'a> {
         }
         let shows = |fit: &Fit, force: f64| -> Result<bool, GapError> {
             let gain = search.evidence(fit, scale) - here;
-            Ok(search.is_convincing(model, current, fit, gain, window) && search.is_material(model, current, fit, force, window)?)
+            Ok(search.is_convincing(model, current, fit, gain, window)
+                && search.is_material(model, (current, fit), (gain, force), window)?)
         };
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = search.settle(&candidate.fit, scale);

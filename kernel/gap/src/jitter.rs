@@ -59,7 +59,9 @@ impl Problem<'_> {
 
     /// The sum of squares of a fit without what the noise of measured efforts adds to it, its errors weighed as those of a model of such
     /// mobility: what efforts move the model itself is what it could claim too much of. The noise is drawn with both signs, so that what is
-    /// linear in it cancels. The sum as it is where efforts are exact, or where a little more noise cannot be simulated.
+    /// linear in it cancels. The sum as it is where efforts are exact, where a little more noise cannot be simulated, or where it adds more than
+    /// there is: noise throws such a model from one state into another, a latch that falls or does not, and what it adds once more is not what it
+    /// has added.
     pub fn judged(&self, fit: &Fit, mobility: &[f64]) -> f64 {
         let size = &self.disturbance.effort;
         if size.iter().all(|e| *e == 0.0) {
@@ -71,7 +73,10 @@ impl Problem<'_> {
         let opposite: Vec<Vec<f64>> = drawn.iter().map(|d| d.iter().map(|x| -x).collect()).collect();
         let squares = |more: &[Vec<f64>]| alike.errors_beside(fit, more).map(|e| e.norm_squared());
         match (squares(&[]), squares(&drawn), squares(&opposite)) {
-            (Ok(as_it_is), Ok(a), Ok(b)) => as_it_is - (0.5 * (a + b) - as_it_is).max(0.0),
+            (Ok(as_it_is), Ok(a), Ok(b)) => {
+                let added = (0.5 * (a + b) - as_it_is).max(0.0);
+                if added < as_it_is { as_it_is - added } else { as_it_is }
+            }
             _ => fit.squares,
         }
     }

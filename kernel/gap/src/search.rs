@@ -60,7 +60,7 @@ const FEWER: usize = 4;
 /// Share of the evidence that an effect may be behind the best one over a part of the data, to be fitted over all of them.
 const FAR: f64 = 0.05;
 /// Scale of the errors, in their deviations, up to which a fit explains all but noise.
-const EXPLAINED: f64 = 1.1;
+pub(crate) const EXPLAINED: f64 = 1.1;
 /// Standard deviations of its prior by which a known number has been led astray by what is missing.
 const LED_ASTRAY: f64 = 0.5;
 /// Of how many of the best a neighbour begins where they end.

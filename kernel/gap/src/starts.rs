@@ -49,6 +49,14 @@ impl JointView {
 /// Frequencies at which rotors swing against a link that is held, Hz, and how many times as fast each start's does as the one before.
 const ROTOR: [f64; 2] = [2.2, 42.0];
 const STEP_OF_ROTOR: f64 = 1.12;
+/// The same of light bases that give way.
+const LIGHT: [f64; 2] = [2.0, 22.0];
+const STEP_OF_LIGHT: f64 = 1.15;
+
+/// From one frequency to another, each so many times as fast as the one before.
+fn steps([from, to]: [f64; 2], times: f64) -> impl Iterator<Item = f64> {
+    (0..=((to / from).ln() / times.ln()) as i32).map(move |i| from * times.powi(i))
+}
 
 /// Values of an effect's parameters, in its order, at which fits begin.
 pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
@@ -110,13 +118,12 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "joint_elasticity" => {
             // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to some
             // hundredths, keeps in step with what is seen. Of its inertia any will do.
-            let start = |(i, share): (i32, f64)| {
-                let rate = TAU * ROTOR[0] * STEP_OF_ROTOR.powi(i);
+            let start = |(hz, share): (f64, f64)| {
+                let rate = TAU * hz;
                 let k = share * m * rate * rate;
                 vec![k, 0.12 * k / rate, share * m, 0.0]
             };
-            let count = ((ROTOR[1] / ROTOR[0]).ln() / STEP_OF_ROTOR.ln()) as i32;
-            (0..=count).zip([0.08, 0.3].into_iter().cycle()).map(start).collect()
+            steps(ROTOR, STEP_OF_ROTOR).zip([0.08, 0.3].into_iter().cycle()).map(start).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
         "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),
@@ -154,9 +161,10 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
         "unmodelled_mode" => {
             let mode = |hz: f64, share: f64| each(&|d| vec![hz, 0.05, share * view.mass.max(0.1), d], &[0.0, 1.0, 2.0]);
-            // A mode is seen within a third of its frequency; that of a light base, which the link takes along, from further away.
+            // A mode of a heavy base is seen within a third of its frequency. A light one, which the link takes along, moves the measured joint as
+            // much as what drives it: only a start that swings as fast, to some hundredths, keeps in step with what is seen.
             let heavy = [2.0, 3.0, 4.5, 6.7, 10.0, 15.0, 22.0].into_iter().flat_map(|hz| mode(hz, 10.0));
-            heavy.chain([2.0, 4.5, 10.0].into_iter().flat_map(|hz| mode(hz, 1.5))).collect()
+            heavy.chain(steps(LIGHT, STEP_OF_LIGHT).flat_map(|hz| mode(hz, 1.5))).collect()
         }
         _ => Vec::new(),
     }

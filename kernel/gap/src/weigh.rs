@@ -14,13 +14,15 @@ use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::observer::{Disturbance, Run};
 use crate::part;
 use crate::response::Response;
-use crate::search::{Candidate, FLOOR, QUICK, Search, entries};
+use crate::search::{Candidate, EXPLAINED, FLOOR, QUICK, Search, entries};
 use crate::span::Span;
 use crate::trajectory::Trajectory;
 use crate::windows::{SHORT, Seek, likely_noise};
 
 /// Logarithm of the Bayes factor that an effect needs.
 pub(crate) const CONVINCING: f64 = 10.0;
+/// Logarithm of the Bayes factor from which on nothing else is asked of an effect: several times what any had in data that lack none.
+const CERTAIN: f64 = 150.0;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
 const SAME: f64 = 0.5 * FLOOR;
@@ -265,11 +267,23 @@ impl<'a> Search<'a> {
         self.left_of_gap(model, without, with, window) < FALL
     }
 
+    /// Do the rows say by themselves that an effect is there? With it nothing but noise is left, and much more was without: what bends to other
+    /// errors of a model leaves some. Where a joint would fall from where it stands, windows end anywhere, whatever the model.
+    fn is_certain(&self, less: &Fit, more: &Fit, gain: f64) -> bool {
+        self.scale(more) < EXPLAINED && gain > CERTAIN * self.problem.persistence(&more.errors, &(&less.errors - &more.errors))
+    }
+
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
-    /// of the gap: a small loss does over a long swing. `force` is [`Self::force_between`] the two fits. Of a large force the gap is not
-    /// asked: where a model sticks or hits something, windows go one way or the other by little. Nor is it of what an effort that is read beside
-    /// a command shows.
-    pub fn is_material(&self, model: &ObjectModel, less: &Fit, more: &Fit, force: f64, window: f64) -> Result<bool, GapError> {
+    /// of the gap: a small loss does over a long swing; or the rows are certain of it. `gain` is what the evidence gains by it, and `force` is
+    /// [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a model sticks or hits something, windows go one way or
+    /// the other by little. Nor is it of what an effort that is read beside a command shows.
+    pub fn is_material(
+        &self,
+        model: &ObjectModel,
+        (less, more): (&Fit, &Fit),
+        (gain, force): (f64, f64),
+        window: f64,
+    ) -> Result<bool, GapError> {
         if force < TRIFLE || self.shifts_little(more) {
             return Ok(false);
         }
@@ -277,10 +291,10 @@ impl<'a> Search<'a> {
         if force >= LARGE || self.problem.disturbance.reads_efforts() && is_read()? {
             return Ok(true);
         }
-        if force < MATERIAL {
-            return Ok(self.left_of_gap(model, less, more, window) < FALL);
-        }
-        Ok(self.left_of_gap(model, less, more, window) < SMALLER || self.brings_most_near(model, less, more, window))
+        let least = if force < MATERIAL { FALL } else { SMALLER };
+        Ok(self.is_certain(less, more, gain)
+            || self.left_of_gap(model, less, more, window) < least
+            || self.brings_most_near(model, less, more, window))
     }
 
     /// Are most windows predicted much better by a fit? A few that go the other way where a joint comes to rest or does not are more than all
