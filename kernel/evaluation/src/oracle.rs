@@ -65,24 +65,24 @@ pub(crate) struct Problem<'a> {
     pub effort_drift: &'a [[f64; 2]],
 }
 
-/// Simpler effects, or those most like it.
-fn neighbours(name: &str) -> &'static [&'static str] {
+/// Simpler effects, or those most like it: several that are tried together, or others instead.
+fn neighbours(name: &str) -> &'static [&'static [&'static str]] {
     match name {
-        "viscous_friction" => &["coulomb_friction"],
-        "coulomb_friction" => &["viscous_friction"],
-        "quadratic_drag" | "soft_close_damper" => &["viscous_friction", "coulomb_friction"],
-        "asymmetric_friction" => &["coulomb_friction", "viscous_friction", "torque_bias"],
+        "viscous_friction" => &[&["coulomb_friction"]],
+        "coulomb_friction" => &[&["viscous_friction"]],
+        "quadratic_drag" | "soft_close_damper" => &[&["viscous_friction", "coulomb_friction"]],
+        "asymmetric_friction" => &[&["coulomb_friction", "viscous_friction", "torque_bias"]],
         "stribeck_friction" | "presliding_hysteresis" | "load_dependent_friction" | "position_dependent_friction" => {
-            &["coulomb_friction", "viscous_friction"]
+            &[&["coulomb_friction", "viscous_friction"]]
         }
         // A gap that the load never opens is the rotor's inertia.
-        "backlash" => &["armature_inertia", "coulomb_friction", "viscous_friction"],
-        "cable_hysteresis" => &["joint_spring", "torque_bias", "coulomb_friction", "viscous_friction"],
-        "magnetic_gasket" | "latch" | "detent" | "air_suction" | "hard_stop" => &["joint_spring", "torque_bias"],
-        "joint_spring" | "hinge_tilt" | "sensor_drift" | "encoder_offset" => &["torque_bias"],
-        "joint_elasticity" => &["armature_inertia", "viscous_friction"],
-        "actuator_saturation" => &["torque_gain"],
-        "payload" => &["armature_inertia"],
+        "backlash" => &[&["coulomb_friction", "viscous_friction"], &["armature_inertia"]],
+        "cable_hysteresis" => &[&["joint_spring", "torque_bias", "coulomb_friction", "viscous_friction"]],
+        "magnetic_gasket" | "latch" | "detent" | "air_suction" | "hard_stop" => &[&["joint_spring", "torque_bias"]],
+        "joint_spring" | "hinge_tilt" | "sensor_drift" | "encoder_offset" => &[&["torque_bias"]],
+        "joint_elasticity" => &[&["armature_inertia", "viscous_friction"]],
+        "actuator_saturation" => &[&["torque_gain"]],
+        "payload" => &[&["armature_inertia"]],
         _ => &[],
     }
 }
@@ -305,8 +305,10 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
         Ok(r.norm_squared())
     };
     let known = fit(&[], 2)?;
-    let names = neighbours(problem.entry);
-    let beyond = if names.is_empty() { known } else { fit(names, 3)?.min(known) };
+    let mut beyond = known;
+    for names in neighbours(problem.entry) {
+        beyond = beyond.min(fit(names, 3)?);
+    }
     let rms = (plain.iter().map(|e| e * e).sum::<f64>() / plain.len().max(1) as f64).sqrt();
     Ok(Detectability { rms, snr: snr(known), snr_beyond_neighbours: snr(beyond) })
 }

@@ -259,6 +259,9 @@ impl<'a> Climb<'a> {
         };
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = search.settle(&candidate.fit, scale);
+        if !settled.hypothesis.is_shaped() {
+            return Ok(None);
+        }
         let together = search.force_between(current, &settled)?;
         let mut there = shows(&candidate.fit, force)? || shows(&settled, together)?;
         if !there && !*asked && gain > SURE && force > MATERIAL && !search.many_joints() {

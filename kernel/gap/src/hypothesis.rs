@@ -245,9 +245,20 @@ impl Hypothesis {
         Ok(this)
     }
 
+    /// Has each of its effects the shape that its name stands for?
+    pub fn is_shaped(&self) -> bool {
+        let found: Vec<usize> = self.fitted[self.known..].iter().filter_map(|f| f.knob.entry()).collect();
+        let model = self.model_at(&self.x);
+        let shaped = |i: &usize| match effects::parameters_of(&model.document.effects[*i]) {
+            Ok((effect, values)) => effect.description().is_shaped(&values),
+            Err(_) => true,
+        };
+        found.iter().all(shaped)
+    }
+
     /// The same, what is bound to a place no wider than a share of a joint's way, and what repeats doing so so many times on it. A cable is bent
-    /// somewhere near its way: one that rests far off is a constant force. `first` is the first number that this is asked of, `range` where the
-    /// joint was, and `way` how far places on it lie apart, rad or m.
+    /// somewhere near its way: one that rests far off is a constant force. A joint goes through a detent: one side of it alone is a force like
+    /// others. `first` is the first number that this is asked of, `range` where the joint was, and `way` how far places on it lie apart, rad or m.
     pub fn confined(mut self, first: usize, range: [f64; 2], way: f64) -> Self {
         let entries = &self.model.document.effects;
         for (fitted, x) in self.fitted.iter_mut().zip(&mut self.x).skip(first) {
@@ -256,6 +267,7 @@ impl Hypothesis {
                 Knob::Effect(_, "width") => (low, fitted.coordinate(LOCAL * way)),
                 Knob::Effect(_, "cycles_per_turn") => (fitted.coordinate(REPEATS * TAU / way), high),
                 Knob::Effect(e, "rest_position") if entries[e].effect == "cable_hysteresis" => (range[0] - way, range[1] + way),
+                Knob::Effect(e, "position") if entries[e].effect == "detent" => (range[0], range[1]),
                 _ => continue,
             };
             // A joint that was nowhere, or in one place, confines nothing.

@@ -28,6 +28,7 @@ static DESCRIPTION: Description = Description {
     experiment: "amplitude ladder from milliradians",
     source: "Dahl 1968; Canudas de Wit, Olsson, Astrom, Lischinsky 1995",
     wears: true,
+    ordered: Some(["friction", "static_friction"]),
     ..Description::BLANK
 };
 

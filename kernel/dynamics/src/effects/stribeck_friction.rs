@@ -22,6 +22,7 @@ static DESCRIPTION: Description = Description {
     experiment: "slow ramps",
     source: "Armstrong-Helouvry, Dupont, Canudas de Wit 1994",
     wears: true,
+    ordered: Some(["friction", "static_friction"]),
     ..Description::BLANK
 };
 

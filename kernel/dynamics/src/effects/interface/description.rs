@@ -28,6 +28,8 @@ pub struct Description {
     pub wears: bool,
     /// It can only take energy, or give back what it has taken.
     pub passive: bool,
+    /// Two parameters of which the second is no less than the first: with less the force is a shape of its own, and none of this name.
+    pub ordered: Option<[&'static str; 2]>,
 }
 
 /// What an effect acts on.
@@ -62,7 +64,14 @@ impl Description {
         linear: false,
         wears: false,
         passive: true,
+        ordered: None,
     };
+
+    /// Have values in the order of its parameters the shape that the name stands for?
+    pub fn is_shaped(&self, values: &[f64]) -> bool {
+        let value = |name: &str| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i));
+        self.ordered.is_none_or(|[less, more]| value(less) <= value(more))
+    }
 
     /// It takes the input and gives the link another force for it: a motor apart from its link.
     pub(crate) fn takes_input(&self) -> bool {
