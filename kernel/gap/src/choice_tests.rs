@@ -124,3 +124,36 @@ fn two_plain_losses_are_named_where_more_than_a_few_rich_ones_stand_before_eithe
     search.prefer_two(&model, &base, &mut candidates, 1.0, 1.0).unwrap();
     assert_eq!(candidates[0].effect, "viscous_friction");
 }
+
+/// Beside an unstable rest windows end anywhere, with the right name, too.
+#[test]
+fn what_leaves_nothing_but_noise_is_there_though_windows_come_no_nearer() {
+    let model = door();
+    let data: Vec<Trajectory> = (1..4).map(|seed| Trajectory::new(&swing(&model, 1e-4, seed), &model).unwrap()).collect();
+    let search = Search::new(&model, &data).unwrap();
+    let mut random = Pcg64::seed_from_u64(3);
+    let mut white = |size: f64| DVector::from_fn(search.problem.entries(), |_, _| size * noise::normal(&mut random));
+    let (noise, signal) = (white(0.9), white(0.4));
+    let is_there = |left: &DVector<f64>| {
+        let fit = |errors: DVector<f64>, damping: f64| candidate(&search, "viscous_friction", &[damping], &errors, 0.0, &[]).fit;
+        let (less, more) = (fit(left + &signal, 1e-7), fit(left.clone(), 1.1e-7));
+        let gain = 0.5 * (less.squares - more.squares);
+        assert!(gain > 150.0, "{gain}");
+        search.is_material(&model, (&less, &more), (gain, 0.004), 1.0).unwrap()
+    };
+    assert!(is_there(&noise));
+    // What bends to the errors of a model leaves some.
+    assert!(!is_there(&(&noise * 1.5)));
+}
+
+/// Drag that grows faster than the square of speed is imitated by a friction that rises with it.
+#[test]
+fn a_friction_that_rises_with_speed_is_none_of_stribecks() {
+    let joints: Vec<usize> = door().moving_joints().collect();
+    let known = Hypothesis::known(&door(), &joints);
+    let is_shaped = |effect: &str, values: &[f64]| known.with(effect, Some("hinge"), values).unwrap().is_shaped();
+    assert!(is_shaped("stribeck_friction", &[1.0, 1.5, 0.1, 2.0]));
+    assert!(!is_shaped("stribeck_friction", &[32.0, 0.005, 5.6, 3.1]));
+    assert!(is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.0, 1.0, 0.1]));
+    assert!(!is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.5, 1.0, 0.1]));
+}

@@ -256,3 +256,13 @@ fn a_ripple_that_is_passed_faster_than_the_filter_follows_is_begun_at_its_cycles
         assert!(view.cycles.iter().any(|c| (c - cycles).abs() < half_a_period), "{cycles} is none of {:?}", view.cycles);
     }
 }
+
+/// A fit of a light base's mode comes from a tenth above or some hundredths below, and from no farther.
+#[test]
+fn a_light_base_begins_near_its_frequency_whatever_that_is() {
+    let light: Vec<f64> = starts("unmodelled_mode", &view()).iter().filter(|v| v[2] < view().mass * 2.0).map(|v| v[0]).collect();
+    for truth in [2.2, 3.1, 4.7, 6.6, 8.6, 12.9, 19.0] {
+        let near = |hz: &&f64| (0.96..1.1).contains(&(**hz / truth));
+        assert!(light.iter().any(|hz| near(&hz)), "{truth} Hz is far from all of {light:?}");
+    }
+}
