@@ -154,6 +154,7 @@ fn a_friction_that_rises_with_speed_is_none_of_stribecks() {
     let is_shaped = |effect: &str, values: &[f64]| known.with(effect, Some("hinge"), values).unwrap().is_shaped();
     assert!(is_shaped("stribeck_friction", &[1.0, 1.5, 0.1, 2.0]));
     assert!(!is_shaped("stribeck_friction", &[32.0, 0.005, 5.6, 3.1]));
-    assert!(is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.0, 1.0, 0.1]));
+    // Bristles that slide as they break away, but for what a fit is off by.
+    assert!(is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.0, 0.95, 0.1]));
     assert!(!is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.5, 1.0, 0.1]));
 }

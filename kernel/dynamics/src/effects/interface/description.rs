@@ -28,7 +28,7 @@ pub struct Description {
     pub wears: bool,
     /// It can only take energy, or give back what it has taken.
     pub passive: bool,
-    /// Two parameters of which the second is no less than the first: with less the force is a shape of its own, and none of this name.
+    /// Two parameters of which the second is no less than the first: with much less the force has a shape of its own, and not this name.
     pub ordered: Option<[&'static str; 2]>,
 }
 
@@ -50,6 +50,9 @@ pub enum Acts {
     Base,
 }
 
+/// Share of a value down to which another may be the same but for what a fit is off by.
+const ALIKE: f64 = 0.8;
+
 impl Description {
     /// What most effects have in common.
     pub(in crate::effects) const BLANK: Self = Self {
@@ -67,10 +70,10 @@ impl Description {
         ordered: None,
     };
 
-    /// Have values in the order of its parameters the shape that the name stands for?
+    /// Have values in the order of its parameters the shape that the name stands for, as far as values are known that may be the same?
     pub fn is_shaped(&self, values: &[f64]) -> bool {
-        let value = |name: &str| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i));
-        self.ordered.is_none_or(|[less, more]| value(less) <= value(more))
+        let value = |name: &str| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i)).copied();
+        self.ordered.is_none_or(|[less, more]| value(less).map(|x| ALIKE * x) <= value(more))
     }
 
     /// It takes the input and gives the link another force for it: a motor apart from its link.
