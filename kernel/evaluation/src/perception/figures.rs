@@ -6,7 +6,7 @@ use sagci_furniture::Category;
 use serde::Serialize;
 
 use super::PerceptionOptions;
-use super::score::{Opening, PartScore, Scored};
+use super::score::{Mask, Opening, PartScore, Scored};
 
 /// The paper's "init" column: AP75, type accuracy, axis in degrees, place.
 const PAPER: [(&str, [f64; 4]); 7] = [
@@ -129,7 +129,9 @@ fn row(name: &str, clouds: &[&Scored], keep: &dyn Fn(&PartScore) -> bool, whole_
             return parts.iter().filter(|(p, _)| p.overlap >= least).count() as f64 / parts.len() as f64;
         }
         let masks = clouds.iter().flat_map(|c| &c.masks).filter(|m| m.moves || !moving);
-        average_precision(masks.map(|m| (m.confidence, m.overlap >= least)).collect(), if moving { parts.len() } else { truths })
+        // A body that is taken for a part is no moving part that was found.
+        let right = |m: &Mask| m.overlap >= least && (m.takes_moving || !moving);
+        average_precision(masks.map(|m| (m.confidence, right(m))).collect(), if moving { parts.len() } else { truths })
     };
     let types: Vec<f64> = parts.iter().filter_map(|(p, _)| p.type_right).map(|t| f64::from(u8::from(t))).collect();
     let axes: Vec<f64> = parts.iter().filter_map(|(p, _)| p.axis).map(f64::to_degrees).collect();

@@ -55,7 +55,9 @@ pub(crate) struct PartScore {
 pub(crate) struct Mask {
     pub(crate) confidence: f64,
     pub(crate) moves: bool,
-    /// The true part that it takes, and the overlap.
+    /// Does the true part that it takes move?
+    pub(crate) takes_moving: bool,
+    /// Overlap with the true part that it takes.
     pub(crate) overlap: f64,
 }
 
@@ -120,7 +122,12 @@ pub(crate) fn score(case: &Case, answer: Result<CloudAnswer, String>, seconds: f
         // A mask over what is too little to be asked for is neither right nor wrong.
         let ignored = best.is_none() && (0..n).any(|t| !asked.contains(&t) && overlap(t, a) > 0.3);
         if !ignored {
-            masks.push(Mask { confidence: answer.confidence[a], moves: a != 0, overlap: best.map_or(0.0, |b| b.1) });
+            masks.push(Mask {
+                confidence: answer.confidence[a],
+                moves: a != 0,
+                takes_moving: best.is_some_and(|b| b.0 != 0),
+                overlap: best.map_or(0.0, |b| b.1),
+            });
         }
     }
     let best_overlap = |t: usize| (0..m).map(|a| overlap(t, a)).fold(0.0, f64::max);

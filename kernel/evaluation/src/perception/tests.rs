@@ -72,3 +72,13 @@ fn no_answer_is_a_failure_of_every_part() {
     let scored = score(&case, Err("no model".to_owned()), 0.0);
     assert!(scored.failed && scored.parts.iter().all(|p| p.overlap == 0.0 && !p.whole));
 }
+
+#[test]
+fn a_body_that_is_taken_for_a_part_is_no_moving_part_that_was_found() {
+    let case = case(&OPTIONS, Category::Microwave, 0);
+    let mut answer = truth(&case);
+    answer.part.iter_mut().filter(|p| (0..2).contains(*p)).for_each(|p| *p = 1 - *p);
+    let table = figures::table(&OPTIONS, &[score(&case, Ok(answer), 0.0)], &[]);
+    let found = table.rows.iter().find(|r| r.name == "microwave").unwrap();
+    assert!((found.ap75 - 1.0).abs() < 1e-9 && found.ap75_moving < 1e-9, "{found:?}");
+}
