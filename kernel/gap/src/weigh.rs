@@ -21,7 +21,7 @@ use crate::windows::{SHORT, Seek, likely_noise};
 
 /// Logarithm of the Bayes factor that an effect needs.
 pub(crate) const CONVINCING: f64 = 10.0;
-/// Logarithm of the Bayes factor from which on nothing else is asked of an effect: several times what any had in data that lack none.
+/// Logarithm of the Bayes factor from which on nothing else is asked of an effect: three times what any had in data that lack none.
 const CERTAIN: f64 = 150.0;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
