@@ -10,6 +10,7 @@ use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::search::{Candidate, Search};
+use crate::shape::is_bent;
 use crate::starts::Seen;
 use crate::tests::{door, swing, with};
 use crate::trajectory::Trajectory;
@@ -146,15 +147,27 @@ fn what_leaves_nothing_but_noise_is_there_though_windows_come_no_nearer() {
     assert!(!is_there(&(&noise * 1.5)));
 }
 
-/// Drag that grows faster than the square of speed is imitated by a friction that rises with it.
+/// Drag that grows faster than the square of speed is imitated by a friction that rises with it, a spring that is stiffer beyond a place by a
+/// stop that a joint goes half its way into.
 #[test]
-fn a_friction_that_rises_with_speed_is_none_of_stribecks() {
-    let joints: Vec<usize> = door().moving_joints().collect();
-    let known = Hypothesis::known(&door(), &joints);
-    let is_shaped = |effect: &str, values: &[f64]| known.with(effect, Some("hinge"), values).unwrap().is_shaped();
+fn a_name_is_not_bent_to_another_shape() {
+    let trajectories = [Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap()];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let errors = signs(trajectories[0].position.len(), 1);
+    let is_shaped = |effect: &'static str, values: &[f64]| {
+        search.is_shaped(&candidate(&search, effect, values, &errors, 0.0, &vec![1.0; values.len()]).fit)
+    };
     assert!(is_shaped("stribeck_friction", &[1.0, 1.5, 0.1, 2.0]));
     assert!(!is_shaped("stribeck_friction", &[32.0, 0.005, 5.6, 3.1]));
+    // What holds a joint the longer the longer it stood is no hump in a curve by speed.
+    let bent = |values: &[f64]| is_bent(&candidate(&search, "stribeck_friction", values, &errors, 0.0, &[1.0; 4]).fit);
+    assert!(bent(&[0.12, 1.4, 0.03, 2.0]) && !bent(&[1.0, 2.0, 0.03, 2.0]));
     // Bristles that slide as they break away, but for what a fit is off by.
     assert!(is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.0, 0.95, 0.1]));
     assert!(!is_shaped("presliding_hysteresis", &[1e3, 1.0, 1.5, 1.0, 0.1]));
+    let seen = || trajectories[0].positions(0);
+    let [low, high] = [seen().fold(f64::MAX, f64::min), seen().fold(f64::MIN, f64::max)];
+    let stop = |share: f64, side: f64| is_shaped("hard_stop", &[1e3, 1e2, low + share * (high - low), side]);
+    assert!(stop(0.8, 1.0) && stop(0.2, -1.0) && stop(1.5, 1.0), "it stops the joint, or is never reached");
+    assert!(!stop(0.6, 1.0) && !stop(0.4, -1.0));
 }

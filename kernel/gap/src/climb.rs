@@ -259,7 +259,7 @@ impl<'a> Climb<'a> {
         };
         // What is named already was fitted without the candidate: it is asked once more when all are fitted together.
         let settled = search.settle(&candidate.fit, scale);
-        if !settled.hypothesis.is_shaped() {
+        if !search.is_shaped(&settled) {
             return Ok(None);
         }
         let together = search.force_between(current, &settled)?;

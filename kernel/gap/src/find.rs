@@ -14,13 +14,14 @@ use crate::experiment;
 use crate::fit::Fit;
 use crate::gaps::{Measure, gaps};
 use crate::given::Given;
+use crate::left_over::{Named, left_over};
 use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
-use crate::report::{Gap, Reason, Report, SCHEMA, Unexplained, Verdict};
+use crate::report::{Reason, Report, SCHEMA, Verdict};
 use crate::search::{Search, entries};
 use crate::settled::Settled;
-use crate::weigh::{CONVINCING, MATERIAL};
+use crate::weigh::CONVINCING;
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -59,13 +60,6 @@ pub struct Found {
     /// What the report's page draws.
     pub figures: PlotData,
 }
-
-/// How many times its noise floor a gap is that cannot be smaller.
-const NEAR_FLOOR: f64 = 1.2;
-/// Evidence of a force without a name that is there though the gap hardly shows it.
-const CERTAIN: f64 = 100.0;
-/// Share of the lacking force below which nobody minds that it has no name.
-const NEGLIGIBLE: f64 = 0.02;
 
 /// Finds what the model lacks.
 ///
@@ -178,7 +172,12 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     );
     let (mut gap, mut predicted) = predicted?;
     let come_near = match (&remainder, &nameless) {
-        (Some(left), Some((_, all))) => settled.only_near(gap.held_out.as_ref().unwrap_or(&gap.train), left, all)?,
+        (Some(left), Some((_, all))) => {
+            let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
+            let left_over = left_over(&search, (fit, &refitted), left, &gap, Named::of(&settled.chosen, nameless_won))?;
+            let share = left_over.map_or(0.0, |l| l.share);
+            settled.only_near(gap.held_out.as_ref().unwrap_or(&gap.train), (left, share), all)?
+        }
         _ => None,
     };
     let Settled { mut current, scale, mut chosen, confirmed, taken_back: mut contradicted, .. } = settled;
@@ -198,7 +197,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         }
         (None, false) => search.anew(&current).variances(&search.problem, scale),
     };
-    let lacking: f64 = search.explained_force(&current, &refitted)?;
     let mut effects_found = Vec::new();
     let final_entries = entries(&current.hypothesis);
     for (i, choice) in chosen.iter_mut().enumerate() {
@@ -208,30 +206,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         effects_found.push(search.describe(&current, entry, choice, variances.as_deref(), held_out, agrees));
     }
 
-    // What is left.
-    let typical = search.typical_force();
-    // Windows that are far off say so even where the force is small beside others.
-    let off = gap.train.is_far();
-    // Where nothing is named and data that nothing was fitted to are far off, something is missing that the known numbers hide where they are
-    // fitted. What many joints are off by is mostly chance: nothing holds them.
-    let lacks = gap.held_out.as_ref().map_or(off, Gap::is_far) && chosen.is_empty() && !search.many_joints();
-    let near = |gap: &Gap| gap.after < NEAR_FLOOR * gap.noise_floor;
-    // A model that predicts as well as the noise lets any lacks nothing that its errors alone hint at, least of all one with names.
-    let at_the_floor = near(&gap.train) && !gap.held_out.as_ref().is_some_and(Gap::is_far);
-    let enough = match (at_the_floor, chosen.is_empty()) {
-        (false, _) => 0.0,
-        (true, true) => CERTAIN,
-        (true, false) => f64::INFINITY,
-    };
-    // Nor does one that predicts unseen data so well, if the errors that hint at it hang together.
-    let predicts_well = near(gap.held_out.as_ref().unwrap_or(&gap.train));
-    let unexplained = remainder.filter(|(_, n)| !predicts_well || search.is_plain(&current, n)).and_then(|(joint, n)| {
-        let share = n.force / (lacking.hypot(n.force)).max(1e-12);
-        let felt = n.force > MATERIAL * typical[joint] || off;
-        let counts = n.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
-        (lacks || come_near.is_some() || felt && n.evidence > enough && (counts || nameless_won && chosen.is_empty()))
-            .then(|| Unexplained { share, joint: search.names[joint].clone(), over: n.over.into(), region: n.region })
-    });
+    let named = if come_near.is_some() { Named::Near } else { Named::of(&chosen, nameless_won) };
+    let unexplained = remainder.map(|left| left_over(&search, (&current, &refitted), &left, &gap, named)).transpose()?.flatten();
     let verdict = match (&unexplained, effects_found.is_empty()) {
         (Some(_), _) => Verdict::Unknown,
         (None, true) => Verdict::NoGap,

@@ -245,17 +245,6 @@ impl Hypothesis {
         Ok(this)
     }
 
-    /// Has each of its effects the shape that its name stands for?
-    pub fn is_shaped(&self) -> bool {
-        let found: Vec<usize> = self.fitted[self.known..].iter().filter_map(|f| f.knob.entry()).collect();
-        let model = self.model_at(&self.x);
-        let shaped = |i: &usize| match effects::parameters_of(&model.document.effects[*i]) {
-            Ok((effect, values)) => effect.description().is_shaped(&values),
-            Err(_) => true,
-        };
-        found.iter().all(shaped)
-    }
-
     /// The same, what is bound to a place no wider than a share of a joint's way, and what repeats doing so so many times on it. A cable is bent
     /// somewhere near its way: one that rests far off is a constant force. A joint goes through a detent: one side of it alone is a force like
     /// others. `first` is the first number that this is asked of, `range` where the joint was, and `way` how far places on it lie apart, rad or m.

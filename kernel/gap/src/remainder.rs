@@ -53,7 +53,7 @@ struct Learned {
 pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Result<Option<Residual>, GapError> {
     let typical = search.typical_force();
     let span = Span::new(fit, scale);
-    let (mut errors, mut runs) = follow(search, fit, None)?;
+    let (mut errors, mut runs) = follow(search, fit, None, STEP)?;
     let mut wanting: Vec<(usize, Response, flexible::Nameless)> = (0..search.names.len())
         .filter_map(|j| {
             let response = Response::new(search, fit, &runs, j);
@@ -78,7 +78,7 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
             break;
         }
         let tried = joined(search, fit, &learned, seed)?;
-        let Ok((after, along)) = follow(search, fit, Some(&tried)) else { break };
+        let Ok((after, along)) = follow(search, fit, Some(&tried), STEP) else { break };
         // What the linear response promises the simulator need not keep.
         if after.norm_squared() >= before {
             break;
@@ -88,10 +88,10 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
     Ok(best)
 }
 
-/// Prediction errors of a fitted model with a learned force, and its runs.
-fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>) -> Result<(DVector<f64>, Vec<Run>), GapError> {
+/// Prediction errors of a fitted model with a learned force, and its runs, in steps no longer than `step`.
+pub(crate) fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>, step: f64) -> Result<(DVector<f64>, Vec<Run>), GapError> {
     let problem = &search.problem;
-    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &problem.limits, STEP)?.with_residual(residual)?;
+    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &problem.limits, step)?.with_residual(residual)?;
     let (mut motion, mut errors, mut runs) = (plant.motion(), Errors::default(), Vec::new());
     for (trajectory, gains) in problem.trajectories.iter().zip(problem.gains(&plant)) {
         let mut run = Run::default();

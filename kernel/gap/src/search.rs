@@ -216,7 +216,7 @@ impl<'a> Search<'a> {
                 self.first_first(base, all, scale, whole)
             }
         };
-        all.retain(|c| c.fit.hypothesis.is_shaped());
+        all.retain(|c| self.is_shaped(&c.fit));
         all = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
         self.rank(&mut all, scale);
         Ok(all)

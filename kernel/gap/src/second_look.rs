@@ -56,7 +56,7 @@ impl Climb<'_> {
             let with = search.evidence(current, *scale);
             let idle = (0..self.chosen.len()).filter_map(|at| {
                 // What cannot be simulated without it needs it, and what another name would have to be bent for.
-                let less = self.without(at).filter(|less| less.hypothesis.is_shaped())?;
+                let less = self.without(at).filter(|less| search.is_shaped(less))?;
                 let gain = with - search.evidence(&less, *scale);
                 let stays = search.is_convincing(ascent.model, &less, current, gain, ascent.window)
                     || search.is_needed(ascent.model, &less, current, ascent.window);
@@ -89,7 +89,7 @@ impl Climb<'_> {
         let Some(best) = candidates.first() else { return Ok(false) };
         if best.effect != name && search.takes_the_place(model, &best.fit, current, best.evidence - with, window) {
             let settled = search.settle(&best.fit, scale);
-            if !settled.hypothesis.is_shaped() {
+            if !search.is_shaped(&settled) {
                 return Ok(false);
             }
             say(&format!("  {} says more than {name} beside the others ({:+.1})", best.effect, best.evidence - with));

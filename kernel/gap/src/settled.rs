@@ -7,15 +7,20 @@ use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::report::{Gap, Reason};
 use crate::search::{Search, entries};
+use crate::shape::is_bent;
 use crate::trajectory::Trajectory;
 use crate::unseen::Unseen;
 use crate::valley::Followed;
 use crate::weigh::CONVINCING;
 
-/// What a force that names leave over is of theirs, from which on they may be its neighbours alone, and the share of what they say that one
-/// without a name has to say then: its knots cost it what a shape that is right does not pay.
+/// What a force that names leave over is of theirs, or what they leave is of the gap, from which on they may be its neighbours alone, and the share
+/// of what they say that one without a name has to say then: its knots cost it what a shape that is right does not pay.
 const GOOD_PART: f64 = 0.1;
 const NEARLY: f64 = 0.9;
+/// Share of the force that lacks, from which on more of it is left than names explain, by a third.
+const MOST_OF_FORCE: f64 = 0.8;
+/// Numbers of names that are few beside those of a curve.
+const FEW: usize = 3;
 /// Share of the gap that names may leave where much more is left than noise makes.
 const MOST_OF_IT: f64 = 0.5;
 
@@ -93,16 +98,30 @@ impl Settled<'_, '_> {
     /// Why the names are the nearest neighbours of what is there, no more, where they are. They leave data far off that nothing was fitted to,
     /// and most of the gap, or a good part of the force, while one without a name says nearly as much as all of them, and they little beside
     /// it. So are names that no such data confirm, where a force without a name says more.
-    /// `shown` is the gap with them, `left` a force on what they leave, `all` one instead of them.
-    pub fn only_near(&self, shown: &Gap, left: &(usize, Nameless), all: &Nameless) -> Result<Option<&'static str>, GapError> {
+    /// `shown` is the gap with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
+    pub fn only_near(
+        &self,
+        shown: &Gap,
+        (left, share): (&(usize, Nameless), f64),
+        all: &Nameless,
+    ) -> Result<Option<&'static str>, GapError> {
         if self.chosen.is_empty() {
             return Ok(None);
         }
         let evidence = |fit: &Fit| self.search.evidence_in_fit(fit, self.scale);
         let said = evidence(&self.current) - evidence(self.refitted);
+        if is_bent(&self.current) {
+            return Ok(Some("it breaks away at many times the force that it slides with"));
+        }
+        if self.is_imitated(said)? {
+            return Ok(Some("a force by place or speed alone, without a name, fits better"));
+        }
         let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
         if far && shown.left() > MOST_OF_IT {
             return Ok(Some("most of the gap is left"));
+        }
+        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
+            return Ok(Some("more of the force is left than is explained"));
         }
         let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
         let beside = said + left.1.evidence - all.evidence;
@@ -111,5 +130,23 @@ impl Settled<'_, '_> {
         let unconfirmed = !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms);
         let better = unconfirmed && all.evidence > said + 2.0 * CONVINCING;
         Ok((instead || better).then_some("a force without a name fits better"))
+    }
+
+    /// Do the names, all on one joint, imitate a force by position or velocity alone that is none of the catalogue's? `said` is what the evidence
+    /// gains by them.
+    fn is_imitated(&self, said: f64) -> Result<bool, GapError> {
+        let search = self.search;
+        let mut joints = self.chosen.iter().map(|c| c.best.joint);
+        let Some(joint) = joints.next().flatten().filter(|j| !search.many_joints() && joints.all(|other| other == Some(*j))) else {
+            return Ok(false);
+        };
+        let Some(free) = search.free(self.refitted, joint, self.scale)? else { return Ok(false) };
+        let apart = search.problem.persistence(&free.errors, &(&self.current.errors - &free.errors));
+        (self.say)(&format!("  a force by place or speed alone says {:+.1}, what is named {said:+.1}", free.evidence));
+        // A few numbers that come near a curve are what most of it is; many of them are a curve themselves.
+        let numbers = self.refitted.hypothesis.x.len()..self.current.hypothesis.x.len();
+        let count = if self.chosen.len() == 1 { numbers.filter(|i| self.current.is_told(*i, self.scale)).count() } else { numbers.len() };
+        let few = count <= FEW;
+        Ok(free.evidence - said > CONVINCING * apart && (!few || said < NEARLY * free.evidence))
     }
 }

@@ -52,6 +52,9 @@ pub enum Acts {
 
 /// Share of a value down to which another may be the same but for what a fit is off by.
 const ALIKE: f64 = 0.8;
+/// The most by which friction that breaks away exceeds that which slides: twice in machines (Armstrong-Helouvry, Dupont and Canudas de Wit
+/// 1994), with room for a sliding friction that the data hardly reach.
+const MOST: f64 = 5.0;
 
 impl Description {
     /// What most effects have in common.
@@ -72,8 +75,18 @@ impl Description {
 
     /// Have values in the order of its parameters the shape that the name stands for, as far as values are known that may be the same?
     pub fn is_shaped(&self, values: &[f64]) -> bool {
-        let value = |name: &str| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i)).copied();
-        self.ordered.is_none_or(|[less, more]| value(less).map(|x| ALIKE * x) <= value(more))
+        self.ordered_values(values).is_none_or(|[less, more]| ALIKE * less <= more)
+    }
+
+    /// Is the second of two values that are ordered so much larger than the first that the name comes near, no more?
+    pub fn is_bent(&self, values: &[f64]) -> bool {
+        self.ordered_values(values).is_some_and(|[less, more]| more > MOST * less)
+    }
+
+    fn ordered_values(&self, values: &[f64]) -> Option<[f64; 2]> {
+        let [less, more] =
+            self.ordered?.map(|name| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i)).copied());
+        Some([less?, more?])
     }
 
     /// It takes the input and gives the link another force for it: a motor apart from its link.

@@ -1,0 +1,53 @@
+//! Do fitted effects have the shapes that their names stand for? A fit bends a name to whatever is there: a friction that rises with speed to a
+//! drag, a stop to a spring that grows stiffer half way.
+
+use sagci_dynamics::effects::{self, Description};
+use sagci_model::EffectEntry;
+
+use crate::fit::Fit;
+use crate::search::{Search, entries};
+use crate::trajectory::Trajectory;
+
+/// Share of its way that a joint goes into a stop, at the most: what gives way by more does not stop it.
+const DEEPEST: f64 = 0.25;
+
+impl Search<'_> {
+    /// Has each effect of a fit the shape that its name stands for?
+    pub fn is_shaped(&self, fit: &Fit) -> bool {
+        named(fit).iter().all(|(entry, description, values)| {
+            let joint = entry.joint.as_ref().and_then(|name| self.names.iter().position(|n| n == name));
+            description.is_shaped(values) && (entry.effect != "hard_stop" || joint.is_none_or(|j| self.stops(j, values)))
+        })
+    }
+
+    /// Does a stop hold a joint where these data go to its end?
+    fn stops(&self, joint: usize, stop: &[f64]) -> bool {
+        let &[_, _, position, side] = stop else { return true };
+        let [low, high] = range(self.problem.trajectories, joint);
+        let depth = if side > 0.0 { high - position } else { position - low };
+        depth <= DEEPEST * (high - low)
+    }
+}
+
+/// Has an effect of a fit a shape that its name hardly stands for? It may be part of the way to the right one.
+pub(crate) fn is_bent(fit: &Fit) -> bool {
+    named(fit).iter().any(|(_, description, values)| description.is_bent(values))
+}
+
+/// The effects of a fit with their values.
+fn named(fit: &Fit) -> Vec<(EffectEntry, &'static Description, Vec<f64>)> {
+    let hypothesis = &fit.hypothesis;
+    let mut all = hypothesis.model_at(&hypothesis.x).document.effects;
+    let mut of = |i: usize| {
+        let entry = std::mem::take(all.get_mut(i)?);
+        let (effect, values) = effects::parameters_of(&entry).ok()?;
+        Some((entry, effect.description(), values))
+    };
+    entries(hypothesis).into_iter().filter_map(&mut of).collect()
+}
+
+/// Where a joint was.
+fn range(trajectories: &[Trajectory], joint: usize) -> [f64; 2] {
+    let seen = trajectories.iter().flat_map(|t| t.positions(joint)).filter(|y| y.is_finite());
+    seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)])
+}
