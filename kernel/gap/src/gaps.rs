@@ -127,6 +127,11 @@ impl Gap {
         self.after > FAR * self.noise_floor
     }
 
+    /// Is most of a joint's windows that far off?
+    pub(crate) fn is_mostly_far(&self) -> bool {
+        self.per_joint.values().any(|j| j.median[2] > FAR * j.median[3])
+    }
+
     /// What is left of it, as a share, once the known numbers are refitted: of all windows or of the usual one, whichever is less. A window
     /// that begins beside an unstable rest ends anywhere, and a few of them are all that a mean over windows shows.
     pub(crate) fn left(&self) -> f64 {
