@@ -128,7 +128,7 @@ struct State {
 }
 
 impl Search<'_> {
-    /// The likeliest force by position or velocity alone on a joint, on top of a fitted model without names.
+    /// The likeliest force by position or velocity alone on a joint, on top of a fitted model; none where that cannot be followed along the data.
     pub fn free(&self, base: &Fit, joint: usize, scale: f64) -> Result<Option<Free>, GapError> {
         let continuous = base.hypothesis.model.joints[self.joints[joint]].kind == JointKind::Continuous;
         let mut best: Option<Free> = None;
@@ -148,7 +148,8 @@ impl Search<'_> {
             let pick = |[q, v, _]: [f64; 3]| if over == Over::Position { q } else { v };
             response.along().map(pick).collect()
         };
-        let (errors, runs) = follow(self, base, None, self.problem.step)?;
+        // A model that gets lost along the data leaves no run to begin with.
+        let Ok((errors, runs)) = follow(self, base, None, self.problem.step) else { return Ok(None) };
         let mut response = Response::new(self, base, &runs, joint);
         let Some(knots) = Knots::over(along(&response)) else { return Ok(None) };
         let (known, count) = (base.jacobian.len(), knots.at.len());
@@ -271,7 +272,7 @@ mod tests {
         [gain, free.evidence, free.errors.norm_squared() / search.problem.measured() as f64]
     }
 
-    /// A spring that begins amid the way is a force by place, to the noise, and dear as many knots are the true form's few numbers say as much.
+    /// A spring that begins amid the way is a force by place, down to the noise, and its many knots cost little beside the true form's few numbers.
     #[test]
     fn a_force_by_place_says_nearly_what_its_true_form_does() {
         let [named, free, left] = said("hard_stop", &[("stiffness", 0.8), ("dissipation", 1e-3), ("position", 0.9), ("side", 1.0)]);
