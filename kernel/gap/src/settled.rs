@@ -19,6 +19,8 @@ const GOOD_PART: f64 = 0.1;
 const NEARLY: f64 = 0.9;
 /// Share of the force that lacks, from which on more of it is left than names explain, by a third.
 const MOST_OF_FORCE: f64 = 0.8;
+/// Logarithm of the Bayes factor by which a curve has to beat a few numbers: dry friction and drag look like a curve where one is not found yet.
+const PLAINLY: f64 = 10.0 * CONVINCING;
 /// Numbers of names that are few beside those of a curve.
 const FEW: usize = 3;
 /// Share of the gap that names may leave where much more is left than noise makes.
@@ -146,7 +148,10 @@ impl Settled<'_, '_> {
         // A few numbers that come near a curve are what most of it is; many of them are a curve themselves.
         let numbers = self.refitted.hypothesis.x.len()..self.current.hypothesis.x.len();
         let count = if self.chosen.len() == 1 { numbers.filter(|i| self.current.is_told(*i, self.scale)).count() } else { numbers.len() };
-        let few = count <= FEW;
-        Ok(free.evidence - said > CONVINCING * apart && (!few || said < NEARLY * free.evidence))
+        let more = free.evidence - said;
+        Ok(match count <= FEW {
+            true => more > PLAINLY * apart && said < NEARLY * free.evidence,
+            false => more > CONVINCING * apart,
+        })
     }
 }
