@@ -16,6 +16,7 @@ use crate::fit::Fit;
 use crate::hypothesis::Knob;
 use crate::search::Search;
 use crate::starts::Seen;
+use crate::trajectory::Trajectory;
 
 /// Range over which a sine is a line, rad.
 const SHORT: f64 = std::f64::consts::FRAC_PI_3;
@@ -73,8 +74,7 @@ impl Search<'_> {
         let Some(j) = choice.best.joint else { return &[] };
         let model = &fit.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
-        let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-        let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+        let [low, high] = Trajectory::range(self.problem.trajectories, j);
         let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_ref() == Some(&joint.name);
         let entry = model.document.effects.iter().position(is_it);
         let told = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {

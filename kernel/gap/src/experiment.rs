@@ -355,8 +355,7 @@ fn words(name: &str, numbers: &BTreeMap<String, f64>, confirms: bool) -> String 
 impl Search<'_> {
     /// What a joint may do in an experiment.
     pub fn room(&self, model: &ObjectModel, j: usize) -> Room {
-        let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-        let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+        let [low, high] = Trajectory::range(self.problem.trajectories, j);
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low).max(1e-6));
         let limits = &model.joints[self.joints[j]].limits;
         let range = match limits.range().is_finite() {

@@ -12,6 +12,7 @@
 //! (MacKay 2003, chapter 28).
 
 use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
 use sagci_dynamics::residual::{Activation, Normalisation, Residual};
 use sagci_model::JointKind;
 
@@ -31,6 +32,8 @@ const APART: f64 = 0.01;
 const STEPS: usize = 6;
 const HALVINGS: i32 = 4;
 const ENOUGH: f64 = 0.1;
+/// Share of a bar that the linear response has to promise: it is off by some hundredths.
+const HOPELESS: f64 = 0.8;
 /// How sharp a bend is, in units of the way to the next knot.
 const SHARP: f64 = 16.0;
 /// Sizes of the force that are expected, as shares of the typical one.
@@ -41,6 +44,14 @@ const SIZES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 enum Over {
     Position,
     Velocity,
+}
+
+impl Over {
+    /// What it depends on, along a response.
+    fn along(self, response: &Response) -> Vec<f64> {
+        let pick = |[q, v, _]: [f64; 3]| if self == Self::Position { q } else { v };
+        response.along().map(pick).collect()
+    }
 }
 
 /// A force without a name that was fitted in the simulator.
@@ -119,6 +130,13 @@ impl Knots {
     }
 }
 
+/// On which joint, by what, and where it bends.
+struct Force<'k> {
+    knots: &'k Knots,
+    joint: usize,
+    over: Over,
+}
+
 /// A fit's known numbers and those of a force beside them, with the errors and runs that come of both.
 struct State {
     fit: Fit,
@@ -127,14 +145,78 @@ struct State {
     runs: Vec<Run>,
 }
 
+impl State {
+    /// What is made small, where the force's numbers are of a size.
+    fn cost(&self, size: f64, scale: f64) -> f64 {
+        let known = self.fit.hypothesis.x.iter().zip(&self.fit.hypothesis.fitted);
+        let prior: f64 = known.map(|(x, f)| 0.5 * ((x - f.prior[0]) / f.prior[1]).powi(2)).sum();
+        let heights: f64 = self.numbers.iter().map(|w| 0.5 * (w / size).powi(2)).sum();
+        0.5 * self.errors.norm_squared() / (scale * scale) + prior + heights
+    }
+}
+
+/// The normal equations of a step, all in them but how large the force's numbers are.
+struct Normal<'s> {
+    state: &'s State,
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+/// A step, if the force's numbers are of a size: what their freedom costs, and what it gains.
+struct Solved {
+    size: f64,
+    step: DVector<f64>,
+    paid: f64,
+    gain: f64,
+}
+
+impl<'s> Normal<'s> {
+    fn of(state: &'s State, columns: &DMatrix<f64>, scale: f64) -> Self {
+        let weight = 1.0 / (scale * scale);
+        let mut matrix = weight * (columns.transpose() * columns);
+        let mut right = -weight * columns.tr_mul(&state.errors);
+        let known = state.fit.hypothesis.x.iter().zip(&state.fit.hypothesis.fitted);
+        for (i, (x, f)) in known.enumerate() {
+            matrix[(i, i)] += 1.0 / f.prior[1].powi(2);
+            right[i] -= (x - f.prior[0]) / f.prior[1].powi(2);
+        }
+        Self { state, matrix, right }
+    }
+
+    fn solved(&self, size: f64) -> Option<Solved> {
+        let (mut matrix, mut right) = (self.matrix.clone(), self.right.clone());
+        let count = self.state.numbers.len();
+        let known = right.len() - count;
+        for (i, w) in self.state.numbers.iter().enumerate() {
+            matrix[(known + i, known + i)] += 1.0 / (size * size);
+            right[known + i] -= w / (size * size);
+        }
+        let factor = Cholesky::new(matrix)?;
+        let step = factor.solve(&right);
+        let volume: f64 = factor.l().diagonal().rows(known, count).map(f64::ln).sum();
+        let gain = 0.5 * right.dot(&step);
+        Some(Solved { size, step, paid: volume + count as f64 * size.ln(), gain })
+    }
+
+    /// By the likeliest of some sizes.
+    fn likeliest(&self, sizes: impl IntoIterator<Item = f64>) -> Option<Solved> {
+        sizes.into_iter().filter_map(|s| self.solved(s)).max_by(|a, b| (a.gain - a.paid).total_cmp(&(b.gain - b.paid)))
+    }
+}
+
 impl Search<'_> {
-    /// The likeliest force by position or velocity alone on a joint, on top of a fitted model; none where that cannot be followed along the data.
-    pub fn free(&self, base: &Fit, joint: usize, scale: f64) -> Result<Option<Free>, GapError> {
+    /// The likeliest force by position or velocity alone on a joint, on top of a fitted model; none where that cannot be followed along the data, or
+    /// where no such force comes near a `bar` of evidence, which saves following it to its end.
+    pub fn free(&self, base: &Fit, joint: usize, scale: f64, bar: f64) -> Result<Option<Free>, GapError> {
+        // A model that gets lost along the data leaves no run to begin with.
+        let Ok((errors, runs)) = follow(self, base, None, self.problem.step) else { return Ok(None) };
         let continuous = base.hypothesis.model.joints[self.joints[joint]].kind == JointKind::Continuous;
         let mut best: Option<Free> = None;
         // A joint that turns on and on is in no place.
         for over in [Over::Position, Over::Velocity].into_iter().filter(|o| *o == Over::Velocity || !continuous) {
-            if let Some(free) = self.free_over(base, joint, over, scale)?
+            let begin = State { fit: base.clone(), numbers: Vec::new(), errors: errors.clone(), runs: runs.clone() };
+            let bar = best.as_ref().map_or(bar, |b| b.evidence.max(bar));
+            if let Some(free) = self.free_over(begin, joint, over, scale, bar)?
                 && best.as_ref().is_none_or(|b| free.evidence > b.evidence)
             {
                 best = Some(free);
@@ -143,65 +225,34 @@ impl Search<'_> {
         Ok(best)
     }
 
-    fn free_over(&self, base: &Fit, joint: usize, over: Over, scale: f64) -> Result<Option<Free>, GapError> {
-        let along = |response: &Response| -> Vec<f64> {
-            let pick = |[q, v, _]: [f64; 3]| if over == Over::Position { q } else { v };
-            response.along().map(pick).collect()
-        };
-        // A model that gets lost along the data leaves no run to begin with.
-        let Ok((errors, runs)) = follow(self, base, None, self.problem.step) else { return Ok(None) };
-        let mut response = Response::new(self, base, &runs, joint);
-        let Some(knots) = Knots::over(along(&response)) else { return Ok(None) };
-        let (known, count) = (base.jacobian.len(), knots.at.len());
-        let fitted = &base.hypothesis.fitted;
-        let weight = 1.0 / (scale * scale);
+    fn free_over(&self, begin: State, joint: usize, over: Over, scale: f64, bar: f64) -> Result<Option<Free>, GapError> {
+        let mut response = Response::new(self, &begin.fit, &begin.runs, joint);
+        let Some(knots) = Knots::over(over.along(&response)) else { return Ok(None) };
+        let force = Force { knots: &knots, joint, over };
         let typical = self.typical_force()[joint].max(f64::MIN_POSITIVE);
-        let prior = |x: &[f64]| x.iter().zip(fitted).map(|(x, f)| 0.5 * ((x - f.prior[0]) / f.prior[1]).powi(2)).sum::<f64>();
-        let cost = |state: &State, size: f64| {
-            let heights = state.numbers.iter().map(|w| 0.5 * (w / size).powi(2)).sum::<f64>();
-            0.5 * weight * state.errors.norm_squared() + prior(&state.fit.hypothesis.x) + heights
-        };
-        let mut now = State { fit: base.clone(), numbers: vec![0.0; count], errors, runs };
-        let before = cost(&now, 1.0);
+        let jacobian = begin.fit.jacobian.clone();
+        let mut now = State { numbers: vec![0.0; knots.at.len()], ..begin };
+        let before = now.cost(1.0, scale);
         let (mut size, mut occam) = (None, 0.0);
         for _ in 0..STEPS {
-            let mut columns = base.jacobian.clone();
-            columns.extend(knots.columns(&along(&response)).iter().map(|force| response.errors_of(force)));
-            let columns = DMatrix::from_columns(&columns);
-            let matrix = weight * (columns.transpose() * &columns);
-            let mut right = -weight * columns.tr_mul(&now.errors);
-            for (i, (x, f)) in now.fit.hypothesis.x.iter().zip(fitted).enumerate() {
-                right[i] -= (x - f.prior[0]) / f.prior[1].powi(2);
-            }
-            let solved = |size: f64| {
-                let (mut matrix, mut right) = (matrix.clone(), right.clone());
-                for (i, f) in fitted.iter().enumerate() {
-                    matrix[(i, i)] += 1.0 / f.prior[1].powi(2);
-                }
-                for (i, w) in now.numbers.iter().enumerate() {
-                    matrix[(known + i, known + i)] += 1.0 / (size * size);
-                    right[known + i] -= w / (size * size);
-                }
-                let factor = Cholesky::new(matrix)?;
-                let step = factor.solve(&right);
-                let volume = factor.l().diagonal().rows(known, count).map(f64::ln).sum();
-                let gain = 0.5 * right.dot(&step);
-                Some((step, volume + count as f64 * size.ln(), gain))
+            let mut columns = jacobian.clone();
+            let forces = knots.columns(&over.along(&response));
+            columns.extend(forces.par_iter().map(|force| response.errors_of(force)).collect::<Vec<_>>());
+            let normal = Normal::of(&now, &DMatrix::from_columns(&columns), scale);
+            let solved = match size {
+                None => normal.likeliest(SIZES.map(|share| share * typical)),
+                Some(s) => normal.solved(s),
             };
-            let chosen = size.map_or_else(
-                || {
-                    let all = SIZES.into_iter().map(|share| share * typical);
-                    all.filter_map(|s| Some((s, solved(s)?))).max_by(|a, b| (a.1.2 - a.1.1).total_cmp(&(b.1.2 - b.1.1)))
-                },
-                |s: f64| Some((s, solved(s)?)),
-            );
-            let Some((chosen, (step, paid, _))) = chosen else { return Ok(None) };
+            let Some(Solved { size: chosen, step, paid, gain }) = solved else { return Ok(None) };
+            let here = now.cost(chosen, scale);
+            if before - here + gain - paid < HOPELESS * bar {
+                return Ok(None);
+            }
             (size, occam) = (Some(chosen), paid);
-            let here = cost(&now, chosen);
             let shares = (0..HALVINGS).map(|halved| 0.5f64.powi(halved));
-            let mut tried = shares.filter_map(|share| self.moved(&now, &step, share, (&knots, joint, over)).ok());
-            let Some(next) = tried.find(|state| cost(state, chosen) < here) else { break };
-            let fall = here - cost(&next, chosen);
+            let mut tried = shares.filter_map(|share| self.moved(&now, &step, share, &force).ok());
+            let Some(next) = tried.find(|state| state.cost(chosen, scale) < here) else { break };
+            let fall = here - next.cost(chosen, scale);
             now = next;
             response = Response::new(self, &now.fit, &now.runs, joint);
             if fall < ENOUGH {
@@ -209,24 +260,24 @@ impl Search<'_> {
             }
         }
         let Some(size) = size else { return Ok(None) };
-        Ok(Some(Free { evidence: before - cost(&now, size) - occam, errors: now.errors }))
+        Ok(Some(Free { evidence: before - now.cost(size, scale) - occam, errors: now.errors }))
     }
 
     /// A share of a step, followed in the simulator.
-    fn moved(&self, from: &State, step: &DVector<f64>, share: f64, (knots, joint, over): (&Knots, usize, Over)) -> Result<State, GapError> {
+    fn moved(&self, from: &State, step: &DVector<f64>, share: f64, force: &Force<'_>) -> Result<State, GapError> {
         let mut fit = from.fit.clone();
         let known = fit.hypothesis.x.len();
         for ((x, fitted), step) in fit.hypothesis.x.iter_mut().zip(&fit.hypothesis.fitted).zip(step.iter()) {
             *x = (*x + share * step).clamp(fitted.bounds[0], fitted.bounds[1]);
         }
         let numbers: Vec<f64> = from.numbers.iter().zip(step.iter().skip(known)).map(|(w, step)| w + share * step).collect();
-        let residual = self.as_residual(&fit, joint, over, knots, &knots.heights(&numbers))?;
+        let residual = self.as_residual(&fit, force, &force.knots.heights(&numbers))?;
         let (errors, runs) = follow(self, &fit, Some(&residual), self.problem.step)?;
         Ok(State { fit, numbers, errors, runs })
     }
 
     /// The force as a network of one layer, a unit for each bend. A residual drives; the catalogue's forces resist.
-    fn as_residual(&self, fit: &Fit, joint: usize, over: Over, knots: &Knots, heights: &[f64]) -> Result<Residual, GapError> {
+    fn as_residual(&self, fit: &Fit, &Force { knots, joint, over }: &Force<'_>, heights: &[f64]) -> Result<Residual, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
         let (name, count) = ([self.names[joint].as_str()], knots.at.len());
         let mut residual = Residual::new(plant.system.multibody(), &name, &name, &[count], Activation::Silu, 0)?;
@@ -268,7 +319,7 @@ mod tests {
         let named = base.hypothesis.with(effect, Some("hinge"), &values).unwrap();
         let named = search.fit_on(Fit::start(&search.problem, named).unwrap(), 1.0).unwrap();
         let gain = search.evidence_in_fit(&named, 1.0) - search.evidence_in_fit(&base, 1.0);
-        let free = search.free(&base, 0, 1.0).unwrap().unwrap();
+        let free = search.free(&base, 0, 1.0, 0.0).unwrap().unwrap();
         [gain, free.evidence, free.errors.norm_squared() / search.problem.measured() as f64]
     }
 

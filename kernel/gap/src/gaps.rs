@@ -30,8 +30,7 @@ fn ranges(search: &Search<'_>, model: &ObjectModel, train: &[Trajectory], unseen
     (0..search.names.len())
         .map(|j| {
             let limits = &model.joints[search.joints[j]].limits;
-            let seen = train.iter().chain(unseen).flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+            let [low, high] = Trajectory::range(train.iter().chain(unseen), j);
             if limits.range().is_finite() { limits.range() } else { (high - low).max(1e-6) }
         })
         .collect()

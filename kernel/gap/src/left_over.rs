@@ -82,5 +82,5 @@ fn holds(search: &Search<'_>, current: &Fit, joint: usize, nameless: &Nameless) 
     if search.many_joints() || !["position", "velocity"].contains(&nameless.over) {
         return Ok(true);
     }
-    Ok(search.free(current, joint, search.scale(current))?.is_some_and(|free| free.evidence > 2.0 * CONVINCING))
+    Ok(search.free(current, joint, search.scale(current), 0.0)?.is_some_and(|free| free.evidence > 2.0 * CONVINCING))
 }

@@ -23,7 +23,7 @@ const MOST_OF_FORCE: f64 = 0.8;
 const PLAINLY: f64 = 10.0 * CONVINCING;
 /// Numbers of names that are few beside those of a curve.
 const FEW: usize = 3;
-/// Share of the gap that names may leave where much more is left than noise makes.
+/// Share of the gap that names may leave where much more is left than noise makes, or as much of the force.
 const MOST_OF_IT: f64 = 0.5;
 
 /// What is asked, and who hears of it.
@@ -122,7 +122,8 @@ impl Settled<'_, '_> {
         if far && shown.left() > MOST_OF_IT {
             return Ok(Some("most of the gap is left"));
         }
-        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
+        let most_of_both = share > MOST_OF_IT && shown.left() > MOST_OF_IT;
+        if share > MOST_OF_FORCE && shown.left() > GOOD_PART || most_of_both && left.1.evidence > 2.0 * CONVINCING {
             return Ok(Some("more of the force is left than is explained"));
         }
         let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
@@ -142,7 +143,7 @@ impl Settled<'_, '_> {
         let Some(joint) = joints.next().flatten().filter(|j| !search.many_joints() && joints.all(|other| other == Some(*j))) else {
             return Ok(false);
         };
-        let Some(free) = search.free(self.refitted, joint, self.scale)? else { return Ok(false) };
+        let Some(free) = search.free(self.refitted, joint, self.scale, said)? else { return Ok(false) };
         let apart = search.problem.persistence(&free.errors, &(&self.current.errors - &free.errors));
         (self.say)(&format!("  a force by place or speed alone says {:+.1}, what is named {said:+.1}", free.evidence));
         // A few numbers that come near a curve are what most of it is; many of them are a curve themselves.
@@ -151,7 +152,73 @@ impl Settled<'_, '_> {
         let more = free.evidence - said;
         Ok(match count <= FEW {
             true => more > PLAINLY * apart && said < NEARLY * free.evidence,
+            // Each of several names costs the eye one more thing to believe in: it has to say something beside the curve.
+            false if self.chosen.len() > 1 => more > -CONVINCING * apart * self.chosen.len() as f64,
             false => more > CONVINCING * apart,
         })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::Settled;
+    use crate::choice::Choice;
+    use crate::fit::Fit;
+    use crate::gaps::Measure;
+    use crate::search::{Candidate, Search};
+    use crate::tests::{door, swing, with};
+    use crate::trajectory::Trajectory;
+
+    type Numbers<'n> = &'n [(&'static str, &'n [(&'static str, f64)])];
+
+    /// Are names, fitted to what others hide from these values on, taken for the imitation of a force that has none?
+    fn is_imitated(hidden: Numbers<'_>, named: Numbers<'_>) -> bool {
+        let model = door();
+        let truth = hidden.iter().fold(model.clone(), |model, (effect, numbers)| with(&model, effect, numbers));
+        let data: Vec<Trajectory> = (1..3).map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap()).collect();
+        let search = Search::new(&model, &data).unwrap();
+        let refitted = search.known(&model, 1.0).unwrap();
+        let mut current = refitted.clone();
+        let mut chosen = Vec::new();
+        for (effect, numbers) in named {
+            let values: Vec<f64> = numbers.iter().map(|n| n.1).collect();
+            let more = current.hypothesis.with(effect, Some("hinge"), &values).unwrap();
+            current = search.fit_on(Fit::start(&search.problem, more).unwrap(), 1.0).unwrap();
+            let candidate = Candidate { effect, joint: Some(0), fit: current.clone(), evidence: 0.0 };
+            chosen.push(Choice::new(&search, &[candidate], -1.0, 0.0, 1.0, 1.0));
+        }
+        let measure = Measure::new(&search, &model, &data, &[], 1.0);
+        let said = search.evidence_in_fit(&current, 1.0) - search.evidence_in_fit(&refitted, 1.0);
+        let (confirmed, taken_back) = (Vec::new(), Vec::new());
+        let settled = Settled {
+            search: &search,
+            refitted: &refitted,
+            unseen: &[],
+            measure: &measure,
+            say: &|_| {},
+            current,
+            scale: 1.0,
+            chosen,
+            confirmed,
+            taken_back,
+        };
+        settled.is_imitated(said).unwrap()
+    }
+
+    /// A spring that begins amid the way is none of the catalogue's. Others together come near it.
+    #[test]
+    fn names_that_together_imitate_a_curve_are_not_believed() {
+        let kinked = [("stiffness", 0.3), ("dissipation", 1e-3), ("position", 0.7), ("side", 1.0)];
+        let near = [("stiffness", 0.2), ("rest_position", 0.7)];
+        let dent = [("force", 0.02), ("position", 0.8), ("width", 0.3)];
+        assert!(is_imitated(&[("hard_stop", &kinked)], &[("joint_spring", &near), ("detent", &dent)]));
+    }
+
+    #[test]
+    fn true_names_are_believed_beside_a_curve() {
+        let (dry, drag) = ([("friction", 0.03)], [("drag", 0.02)]);
+        let both: Numbers<'_> = &[("coulomb_friction", &dry), ("quadratic_drag", &drag)];
+        assert!(!is_imitated(both, both));
     }
 }

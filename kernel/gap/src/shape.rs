@@ -23,7 +23,7 @@ impl Search<'_> {
     /// Does a stop hold a joint where these data go to its end?
     fn stops(&self, joint: usize, stop: &[f64]) -> bool {
         let &[_, _, position, side] = stop else { return true };
-        let [low, high] = range(self.problem.trajectories, joint);
+        let [low, high] = Trajectory::range(self.problem.trajectories, joint);
         let depth = if side > 0.0 { high - position } else { position - low };
         depth <= DEEPEST * (high - low)
     }
@@ -44,10 +44,4 @@ fn named(fit: &Fit) -> Vec<(EffectEntry, &'static Description, Vec<f64>)> {
         Some((entry, effect.description(), values))
     };
     entries(hypothesis).into_iter().filter_map(&mut of).collect()
-}
-
-/// Where a joint was.
-fn range(trajectories: &[Trajectory], joint: usize) -> [f64; 2] {
-    let seen = trajectories.iter().flat_map(|t| t.positions(joint)).filter(|y| y.is_finite());
-    seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)])
 }

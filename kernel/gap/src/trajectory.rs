@@ -354,6 +354,12 @@ impl Trajectory {
         self.position.iter().skip(joint).step_by(self.joints).copied()
     }
 
+    /// Least and greatest position of one joint over several trajectories; infinite, the greater first, where it was never measured.
+    pub fn range<'t>(trajectories: impl IntoIterator<Item = &'t Self>, joint: usize) -> [f64; 2] {
+        let seen = trajectories.into_iter().flat_map(|t| t.positions(joint)).filter(|y| y.is_finite());
+        seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], y| [low.min(y), high.max(y)])
+    }
+
     /// So many rows of one input after a start at rest.
     pub fn steady(rows: usize, period: f64, input: &[f64], drive: Vec<Drive>) -> Self {
         let joints = drive.len();

@@ -478,8 +478,7 @@ impl<'a> Search<'a> {
     pub fn check_motion(&self, notes: &mut Vec<String>) -> Result<(), GapError> {
         let mut moves = false;
         for (j, name) in self.names.iter().enumerate() {
-            let seen = self.problem.trajectories.iter().flat_map(|t| t.positions(j)).filter(|y| y.is_finite());
-            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(y), b.max(y)]);
+            let [low, high] = Trajectory::range(self.problem.trajectories, j);
             if high - low > 20.0 * self.problem.disturbance.position[j] && high > low {
                 moves = true;
             } else if low <= high {
