@@ -13,7 +13,7 @@ pub(crate) const COUNT: usize = 10;
 /// Features of one.
 pub(crate) const FEATURES: usize = 54;
 /// What a residual is measured in, m.
-pub(crate) const RESIDUAL: f64 = 0.05;
+pub const RESIDUAL: f64 = 0.05;
 /// Most that a residual may be, in its own measure: a hinge behind what hides it is far from all that is seen of the part.
 pub const FARTHEST: f64 = 8.0;
 /// How much of a panel's end is looked at for a lip or a notch, m.

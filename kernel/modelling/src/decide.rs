@@ -13,6 +13,7 @@ use crate::handle::{Handle, handle};
 use crate::mask::{self, Known, MASK, chosen, rectangles};
 use crate::motion::{Motion, Still, agree};
 use crate::network::{CLASSES, GROUP, Matrix, Network, Plain, Trunk, WIDTH, Weights, softmax_rows};
+use crate::place::{self, Hinge};
 use crate::posed::Posed;
 use crate::side::Side;
 use crate::trust::{self, Expected, Trusted, expected};
@@ -102,6 +103,9 @@ const PROVEN_ALONE: f64 = 0.5;
 const FAINT: f64 = 0.2;
 /// Share of the points of the largest trusted part below which a part is small.
 const SMALL: f64 = 0.5;
+
+/// A hinge that is less likely than this is not asked about once more.
+const SELDOM: f64 = 0.02;
 
 /// An object seen from one side and in a mirror: what is told of a thing and of its mirror image ought to agree, so the mean is taken.
 struct Seen<'a> {
@@ -437,6 +441,18 @@ impl Ended {
     }
 }
 
+impl Ended {
+    /// Keeps some of the parts, by their numbers from 0; the others are the body's.
+    fn keep(&mut self, kept: &[usize]) {
+        let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
+        self.label.iter_mut().flatten().for_each(|l| *l = number(*l));
+        self.groups = kept.iter().map(|g| std::mem::take(&mut self.groups[*g])).collect();
+        self.pieces = kept.iter().map(|g| std::mem::take(&mut self.pieces[*g])).collect();
+        self.share = kept.iter().map(|g| self.share[*g]).collect();
+        self.promise = kept.iter().map(|g| self.promise[*g]).collect();
+    }
+}
+
 /// What is known of the body and of the parts that are left.
 fn trusted(first: &First<'_>, analysis: &Analysis, kept: &[usize], label: &[Option<u32>], expected: &Expected) -> Matrix {
     let points = sizes(analysis);
@@ -509,42 +525,36 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let mut plain = Plain { weights: &weights.matrices };
     let first = First::of(analyses, &mut plain)?;
     let analysis = &analyses[first.index];
-    let Ended { fine, mut groups, mut pieces, share, promise, mut label, trust, evidence } = Ended::of(&first, analysis, &mut plain)?;
+    let mut ended = Ended::of(&first, analysis, &mut plain)?;
     let mut network = Network::new(&mut plain);
-    let trust = network.trust(trust)?;
+    let trust = network.trust(std::mem::take(&mut ended.trust))?;
     let likely = |x: f32| 1.0 / (1.0 + f64::from(-x).exp());
     let confidence = |k: usize| likely(trust[k]);
     // Of each part that is left, its number among those that the heads were asked about.
-    let mut kept: Vec<usize> = (0..groups.len()).collect();
+    let mut kept: Vec<usize> = (0..ended.groups.len()).collect();
     let mut unproven = None;
-    if !groups.is_empty() {
+    if !kept.is_empty() {
+        let evidence = std::mem::take(&mut ended.evidence);
         let moves = network.evidence(evidence)?.iter().copied().map(likely).fold(0.0, f64::max);
-        let seam = groups.iter().map(|g| evidence::seam(&first.seen.side.posed, g)).fold(0.0, f64::max);
+        let seam = ended.groups.iter().map(|g| evidence::seam(&first.seen.side.posed, g)).fold(0.0, f64::max);
         let needed = if first.doubtful { PROVEN_ALONE } else { PROVEN };
         if moves < needed && seam < SEAM {
             unproven = Some(moves);
             kept.clear();
         } else {
-            let size = |g: usize| label.iter().flatten().filter(|l| **l as usize == g + 1).count() as f64;
+            let size = |g: usize| ended.label.iter().flatten().filter(|l| **l as usize == g + 1).count() as f64;
             let trusted = |g: usize| confidence(g + 1) >= FAINT;
             let largest = kept.iter().filter(|g| trusted(**g)).map(|g| size(*g)).fold(0.0, f64::max);
             kept.retain(|g| trusted(*g) || size(*g) >= SMALL * largest);
         }
     }
-    let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);
-    label.iter_mut().flatten().for_each(|l| *l = number(*l));
-    groups = kept.iter().map(|g| std::mem::take(&mut groups[*g])).collect();
-    pieces = kept.iter().map(|g| std::mem::take(&mut pieces[*g])).collect();
-    let side = Side::new(&fine, first.seen.quarter);
-    let mut parts = Vec::new();
-    if !groups.is_empty() {
-        let (candidates, out) = first.seen.ended(&mut network, analysis, &groups, &side, &pieces)?;
-        let still = Still::of(&side.posed, &label);
-        for (k, g) in kept.into_iter().enumerate() {
-            let asked = (share[g], 1.0 - promise[g]);
-            let part = moving_part(&still, asked, &pieces[k], &candidates[k], &out, k * CANDIDATES);
-            parts.push(Moving { confidence: confidence(g + 1), ..part });
-        }
+    ended.keep(&kept);
+    let side = Side::new(&ended.fine, first.seen.quarter);
+    let mut moves = Moves::of(&first, analysis, &ended, &side, &mut network)?;
+    moves.place(&ended, &side, &mut network)?;
+    let mut parts = moves.parts;
+    for (part, g) in parts.iter_mut().zip(kept) {
+        part.confidence = confidence(g + 1);
     }
     let mut drawers: Vec<&mut Motion> =
         parts.iter_mut().filter_map(|p: &mut Moving| p.motions.first_mut()).filter(|m| m.front.is_some()).collect();
@@ -552,7 +562,132 @@ pub(crate) fn decide(analyses: &[Analysis], weights: &Weights) -> Result<Decided
     let body_confidence = unproven.map_or_else(|| confidence(0), |moves| 1.0 - moves);
     let decision = Decision { parts, body_confidence, doubt: first.doubt, unproven, walled: first.walled, front: side.front() };
     drop(side);
-    Ok(Decided { analysis: fine, label, decision })
+    Ok(Decided { analysis: ended.fine, label: ended.label, decision })
+}
+
+/// How parts move, as far as the network says that of all candidates.
+struct Moves {
+    parts: Vec<Moving>,
+    candidates: Vec<Vec<Candidate>>,
+    /// Of each part [`CANDIDATES`] rows: a score and where the hinge is.
+    out: Matrix,
+}
+
+impl Moves {
+    /// `side` shows the superpoints split where parts end.
+    fn of(
+        first: &First<'_>,
+        whole: &Analysis,
+        ended: &Ended,
+        side: &Side<'_>,
+        network: &mut Network<'_, Plain<'_>>,
+    ) -> Result<Self, ModellingError> {
+        if ended.groups.is_empty() {
+            return Ok(Self { parts: Vec::new(), candidates: Vec::new(), out: Matrix::zeros(0, 0) });
+        }
+        let (candidates, out) = first.seen.ended(network, whole, &ended.groups, side, &ended.pieces)?;
+        let still = Still::of(&side.posed, &ended.label);
+        let part = |k: usize| {
+            let asked = (ended.share[k], 1.0 - ended.promise[k]);
+            moving_part(&still, asked, &ended.pieces[k], &candidates[k], &out, k * CANDIDATES)
+        };
+        Ok(Self { parts: (0..ended.groups.len()).map(part).collect(), candidates, out })
+    }
+
+    /// Hinges that parts may have, each with the numbers of its part and of the motion there.
+    fn hinges(&self, ended: &Ended, side: &Side<'_>) -> Vec<(usize, usize, Hinge<'_>)> {
+        let mut out = Vec::new();
+        for (k, part) in self.parts.iter().enumerate() {
+            for (m, motion) in
+                part.motions.iter().enumerate().filter(|(m, motion)| !motion.slides && (*m == 0 || motion.probability > SELDOM))
+            {
+                let hinge = Hinge {
+                    candidate: &self.candidates[k][motion.candidate],
+                    residual: residual(&self.out, k * CANDIDATES + motion.candidate),
+                    axis: side.posed.of_world(&motion.axis),
+                    state: motion.state,
+                    probability: motion.probability,
+                    label: k as u32 + 1,
+                    classes: ended.share[k],
+                };
+                out.push((k, m, hinge));
+            }
+        }
+        out
+    }
+
+    /// Asks once more where hinges are, now that it is known which points are whose.
+    fn place(&mut self, ended: &Ended, side: &Side<'_>, network: &mut Network<'_, Plain<'_>>) -> Result<(), ModellingError> {
+        let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
+        let hinges = self.hinges(ended, side);
+        if hinges.is_empty() {
+            return Ok(());
+        }
+        let of: Vec<(usize, usize)> = hinges.iter().map(|h| (h.0, h.1)).collect();
+        let hinges: Vec<Hinge<'_>> = hinges.into_iter().map(|h| h.2).collect();
+        let answers = network.place(place::rows(&side.posed, &ended.label, &hinges))?;
+        let answered = |(row, hinge): (usize, &Hinge<'_>)| {
+            let answers: Vec<f32> = answers.row(row).iter().copied().collect();
+            let (moved, deviation) = hinge.placed(&answers);
+            (R_WK * moved, deviation)
+        };
+        let placed: Vec<(Vector3<f64>, f64)> = hinges.iter().enumerate().map(answered).collect();
+        for ((k, m), (moved, deviation)) in of.into_iter().zip(placed) {
+            let part = &mut self.parts[k];
+            part.motions[m].origin += moved;
+            if m == 0 {
+                part.uncertainty[1] = part.uncertainty[1].max(deviation);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is asked about the hinges of a cloud, for training.
+pub struct Hinges {
+    /// A row of [`crate::PLACE`] features each.
+    pub rows: Matrix,
+    /// Of each its part, by its number from 1.
+    pub part: Vec<u32>,
+    /// Of each the axis that it opens about, in W.
+    pub axis: Vec<Vector3<f64>>,
+    /// Where each was thought to be, in W, m.
+    pub origin: Vec<Point3<f64>>,
+    /// Of each the unit vectors in W that answers are counted along: along the panel and out of it, and the same as they are when it is shut.
+    pub frames: Vec<[Vector3<f64>; 4]>,
+    /// Of each input point its part from 1; 0 the body.
+    pub label_of_input: Vec<Option<u32>>,
+}
+
+impl Hinges {
+    /// Of a cloud.
+    ///
+    /// Errors: as [`crate::perceive()`].
+    pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
+        let analyses = analyse(cloud)?;
+        let mut plain = Plain { weights: &weights.matrices };
+        let first = First::of(&analyses, &mut plain)?;
+        let analysis = &analyses[first.index];
+        let ended = Ended::of(&first, analysis, &mut plain)?;
+        let side = Side::new(&ended.fine, first.seen.quarter);
+        let moves = Moves::of(&first, analysis, &ended, &side, &mut Network::new(&mut plain))?;
+        let hinges: Vec<Hinge<'_>> = moves.hinges(&ended, &side).into_iter().map(|h| h.2).collect();
+        let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
+        let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
+        Ok(Self {
+            rows: place::rows(&side.posed, &ended.label, &hinges),
+            part: hinges.iter().map(|h| h.label).collect(),
+            axis: hinges.iter().map(|h| R_WK * h.axis).collect(),
+            origin: hinges.iter().map(|h| R_WK * h.candidate.corrected(h.residual)).collect(),
+            frames: hinges.iter().map(|h| h.frames().map(|f| f.map(|v| R_WK * v))).map(|[[a, b], [c, d]]| [a, b, c, d]).collect(),
+            label_of_input,
+        })
+    }
+}
+
+/// Where the network says that a candidate's hinge is.
+fn residual(out: &Matrix, row: usize) -> [f64; 2] {
+    [1, 2].map(|k| f64::from(out[(row, k)]).clamp(-FARTHEST, FARTHEST))
 }
 
 /// `share` is what was said of its pieces one by one, `fixed` how likely it is none, which is asked of it as a whole.
@@ -587,8 +722,8 @@ fn moving_part(
         .iter()
         .enumerate()
         .map(|(c, candidate)| {
-            let residual = [1, 2].map(|k| f64::from(out[(row + c, k)]).clamp(-FARTHEST, FARTHEST));
-            still.motion(pieces, candidate, residual, f64::from(p[c]) * (1.0 - fixed), lid)
+            let probability = f64::from(p[c]) * (1.0 - fixed);
+            Motion { candidate: c, ..still.motion(pieces, candidate, residual(out, row + c), probability, lid) }
         })
         .collect();
     motions.sort_by(|a, b| b.probability.total_cmp(&a.probability));

@@ -10,6 +10,8 @@ use crate::posed::Posed;
 #[derive(Debug, Clone)]
 pub(crate) struct Motion {
     pub(crate) slides: bool,
+    /// Which of the part's candidates it is.
+    pub(crate) candidate: usize,
     pub(crate) axis: Unit<Vector3<f64>>,
     pub(crate) origin: Point3<f64>,
     pub(crate) probability: f64,
@@ -218,6 +220,15 @@ impl<'a> Still<'a> {
             };
             upper = f64::max(usual, state + 0.05);
         }
-        Motion { slides: c.slides, axis: Unit::new_normalize(R_WK * axis), origin: R_WK * origin, probability, state, upper, front }
+        Motion {
+            slides: c.slides,
+            candidate: 0,
+            axis: Unit::new_normalize(R_WK * axis),
+            origin: R_WK * origin,
+            probability,
+            state,
+            upper,
+            front,
+        }
     }
 }

@@ -10,7 +10,7 @@ use sagci_furniture::Random;
 use sagci_modelling::network::Weights;
 use sagci_modelling::{BORDER, Borders};
 
-use crate::head::{Head, Rows, train_head};
+use crate::head::{Head, Lessons, Rows, entropy, train_head};
 use crate::lesson::drawn;
 use crate::{Settings, TrainingError};
 
@@ -24,7 +24,7 @@ const LEAST: f64 = 0.4;
 const POINTS: usize = 64;
 
 /// What an object teaches.
-fn points(seed: u64, index: u64, weights: &Weights) -> Rows<BORDER, 1> {
+fn points(seed: u64, index: u64, weights: &Weights) -> Rows<BORDER, [f32; 1]> {
     let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(index), "border");
     let mut out = Rows::default();
     let (_, cloud, _) = drawn(seed, index, false);
@@ -63,5 +63,5 @@ fn points(seed: u64, index: u64, weights: &Weights) -> Rows<BORDER, 1> {
 /// Errors: no point to learn from; weights that do not fit.
 pub fn train_border(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
     let taught = (0..settings.objects).into_par_iter().map(|i| points(settings.seed, i, from)).collect();
-    train_head(Head::Border, settings, POINTS, taught, from, log)
+    train_head(&Lessons::plain(Head::Border, entropy, POINTS), settings, taught, from, log)
 }

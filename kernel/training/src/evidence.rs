@@ -8,7 +8,7 @@ use sagci_furniture::{Category, Even, Family, Labelled, Look, Noise, Object, Ran
 use sagci_modelling::network::Weights;
 use sagci_modelling::{EVIDENCE, Ends};
 
-use crate::head::{Head, Rows, more_than, overlaps, train_head};
+use crate::head::{Head, Lessons, Rows, entropy, more_than, overlaps, train_head};
 use crate::{Settings, TrainingError};
 
 /// Parts a step, for each object of a batch.
@@ -53,7 +53,7 @@ fn drawn(seed: u64, index: u64) -> (Object, Labelled) {
 }
 
 /// What a thing teaches.
-fn parts(seed: u64, index: u64, weights: &Weights) -> Rows<EVIDENCE, 1> {
+fn parts(seed: u64, index: u64, weights: &Weights) -> Rows<EVIDENCE, [f32; 1]> {
     let mut out = Rows::default();
     let (object, cloud) = drawn(seed, index);
     let Ok(asked) = Ends::of(&cloud.points, weights) else { return out };
@@ -71,5 +71,5 @@ fn parts(seed: u64, index: u64, weights: &Weights) -> Rows<EVIDENCE, 1> {
 /// Errors: nothing to learn from; weights that do not fit.
 pub fn train_evidence(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
     let taught = (0..settings.objects).into_par_iter().map(|i| parts(settings.seed, i, from)).collect();
-    train_head(Head::Evidence, settings, PARTS, taught, from, log)
+    train_head(&Lessons::plain(Head::Evidence, entropy, PARTS), settings, taught, from, log)
 }

@@ -1,5 +1,5 @@
-//! Trains a head that is asked after all others, beside weights that stay: rows of features, and of each what is to be answered, by the cross
-//! entropy of both.
+//! Trains a head that is asked after all others, beside weights that stay: rows of features, and of each what is to be answered, which most
+//! heads are taught by the cross entropy of both.
 
 use std::collections::BTreeMap;
 
@@ -21,6 +21,8 @@ pub(crate) enum Head {
     Trust,
     /// What says that parts move.
     Evidence,
+    /// Where hinges are.
+    Place,
 }
 
 impl Head {
@@ -30,6 +32,7 @@ impl Head {
             Self::Border => "border",
             Self::Trust => "trust",
             Self::Evidence => "evidence",
+            Self::Place => "place",
         }
     }
 
@@ -39,6 +42,7 @@ impl Head {
             Self::Border => "border order",
             Self::Trust => "trust",
             Self::Evidence => "evidence",
+            Self::Place => "place",
         }
     }
 
@@ -47,25 +51,48 @@ impl Head {
             Self::Border => network.border(rows),
             Self::Trust => network.trust(rows),
             Self::Evidence => network.evidence(rows),
+            Self::Place => network.place(rows),
         }
     }
 }
 
-/// Rows of `F` features one behind the other, and of each `N` answers, from 0 to 1.
+/// Rows of `F` features one behind the other, and of each what is to be answered.
 #[derive(Debug)]
-pub(crate) struct Rows<const F: usize, const N: usize> {
+pub(crate) struct Rows<const F: usize, A> {
     pub features: Vec<f32>,
-    pub answers: Vec<[f32; N]>,
+    pub answers: Vec<A>,
 }
 
-impl<const F: usize, const N: usize> Default for Rows<F, N> {
+impl<const F: usize, A> Default for Rows<F, A> {
     fn default() -> Self {
         Self { features: Vec::new(), answers: Vec::new() }
     }
 }
 
-impl<const F: usize, const N: usize> Rows<F, N> {
-    fn gather(&self, at: &[usize]) -> (Matrix, Vec<[f32; N]>) {
+/// Of answers and what is to be answered: the mean loss, a mean figure for the log, and the loss's derivative by the answers.
+pub(crate) type Loss<A> = fn(&Matrix, &[A]) -> ([f64; 2], Matrix);
+
+/// How a head is taught.
+pub(crate) struct Lessons<A> {
+    pub head: Head,
+    pub loss: Loss<A>,
+    /// What its figure is.
+    pub figure: &'static str,
+    /// Standard deviation by which features are blurred, anew each time.
+    pub blur: f32,
+    /// Rows a step, for each object of a batch.
+    pub rows: usize,
+}
+
+impl<A> Lessons<A> {
+    /// By the share of right answers, without blur.
+    pub(crate) fn plain(head: Head, loss: Loss<A>, rows: usize) -> Self {
+        Self { head, loss, figure: "right", blur: 0.0, rows }
+    }
+}
+
+impl<const F: usize, A: Copy> Rows<F, A> {
+    fn gather(&self, at: &[usize]) -> (Matrix, Vec<A>) {
         let rows = Matrix::from_fn(at.len(), F, |i, k| self.features[at[i] * F + k]);
         (rows, at.iter().map(|i| self.answers[*i]).collect())
     }
@@ -94,42 +121,47 @@ pub(crate) fn overlaps(part: &[i32], parts: usize, found: &[Option<u32>], labels
     both.into_iter().enumerate().map(share).collect()
 }
 
-/// Mean loss and share of right answers; gradients are added.
-fn learn<const N: usize>(
-    head: Head,
-    weights: &BTreeMap<String, Matrix>,
-    (rows, answers): (Matrix, Vec<[f32; N]>),
-    gradients: Option<&mut BTreeMap<String, Matrix>>,
-) -> Result<[f64; 2], ModellingError> {
-    let mut tape = Tape::new(weights);
-    let at = head.pass(&mut Network::new(&mut tape), rows)?;
+/// Mean cross entropy with answers from 0 to 1, and the share of those that are right.
+pub(crate) fn entropy<const N: usize>(out: &Matrix, answers: &[[f32; N]]) -> ([f64; 2], Matrix) {
     let n = (N * answers.len()).max(1) as f32;
     let mut score = [0.0; 2];
     let d = Matrix::from_fn(answers.len(), N, |i, k| {
-        let (loss, right, d) = cross_entropy(tape.value(at)[(i, k)], answers[i][k], 1.0 / n);
+        let (loss, right, d) = cross_entropy(out[(i, k)], answers[i][k], 1.0 / n);
         score[0] += loss;
         score[1] += f64::from(u8::from(right)) / f64::from(n);
         d
     });
+    (score, d)
+}
+
+/// Mean loss and figure; gradients are added.
+fn learn<A>(
+    &Lessons { head, loss, .. }: &Lessons<A>,
+    weights: &BTreeMap<String, Matrix>,
+    (rows, answers): (Matrix, Vec<A>),
+    gradients: Option<&mut BTreeMap<String, Matrix>>,
+) -> Result<[f64; 2], ModellingError> {
+    let mut tape = Tape::new(weights);
+    let at = head.pass(&mut Network::new(&mut tape), rows)?;
+    let (score, d) = loss(tape.value(at), &answers);
     if let Some(gradients) = gradients {
         tape.back(&[(at, d)], gradients);
     }
     Ok(score)
 }
 
-/// Trains a head anew on what each object teaches, so many rows a step for each object of a batch; `log` is told of every epoch. The last tenth
-/// of the rows is only looked at.
+/// Trains a head anew on what each object teaches; `log` is told of every epoch. The last tenth of the rows is only looked at.
 ///
 /// Errors: nothing to learn from; weights that do not fit.
-pub(crate) fn train_head<const F: usize, const N: usize>(
-    head: Head,
+pub(crate) fn train_head<const F: usize, A: Copy>(
+    lessons: &Lessons<A>,
     settings: &Settings,
-    rows_of_object: usize,
-    taught: Vec<Rows<F, N>>,
+    taught: Vec<Rows<F, A>>,
     from: &Weights,
     log: &mut dyn FnMut(&str),
 ) -> Result<Weights, TrainingError> {
-    let mut all = Rows::<F, N>::default();
+    let head = lessons.head;
+    let mut all = Rows::<F, A>::default();
     for t in taught {
         all.features.extend(t.features);
         all.answers.extend(t.answers);
@@ -143,7 +175,7 @@ pub(crate) fn train_head<const F: usize, const N: usize>(
     let mut initial = Initial::new(settings.seed);
     head.pass(&mut Network::new(&mut initial), Matrix::zeros(0, 0))?;
     let mut weights = initial.weights;
-    let batch = (settings.batch * rows_of_object).max(1);
+    let batch = (settings.batch * lessons.rows).max(1);
     let mut adam = Adam::new(settings.epochs * learned.div_ceil(batch), settings.rate);
     let mut random = Random::new(settings.seed, head.order());
     let mut order: Vec<usize> = (0..learned).collect();
@@ -153,14 +185,19 @@ pub(crate) fn train_head<const F: usize, const N: usize>(
         let mut total = [0.0; 3];
         for chunk in order.chunks(batch) {
             let mut gradients = BTreeMap::new();
-            let score = learn(head, &weights, all.gather(chunk), Some(&mut gradients))?;
+            let (mut rows, answers) = all.gather(chunk);
+            if lessons.blur > 0.0 {
+                rows.iter_mut().for_each(|x| *x += lessons.blur * random.normal() as f32);
+            }
+            let score = learn(lessons, &weights, (rows, answers), Some(&mut gradients))?;
             let n = chunk.len() as f64;
             total = [total[0] + n * score[0], total[1] + n * score[1], total[2] + n];
             adam.step(&mut weights, &gradients, 1.0);
         }
-        let seen = learn(head, &weights, all.gather(&fresh), None)?;
-        let [loss, right] = [total[0] / total[2], total[1] / total[2]];
-        let line = format!("epoch {:3}  loss {loss:.4}  right {right:.4}  fresh  loss {:.4}  right {:.4}", epoch + 1, seen[0], seen[1]);
+        let seen = learn(lessons, &weights, all.gather(&fresh), None)?;
+        let [loss, figure] = [total[0] / total[2], total[1] / total[2]];
+        let name = lessons.figure;
+        let line = format!("epoch {:3}  loss {loss:.4}  {name} {figure:.4}  fresh  loss {:.4}  {name} {:.4}", epoch + 1, seen[0], seen[1]);
         log(&line);
         lines.push(line);
     }

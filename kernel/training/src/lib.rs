@@ -15,6 +15,7 @@ mod initial;
 mod lesson;
 mod loss;
 mod mask;
+mod place;
 mod tape;
 mod trust;
 
@@ -33,6 +34,7 @@ pub use evidence::train_evidence;
 pub use lesson::{Lesson, lesson};
 pub use loss::{Score, learn};
 pub use mask::{train_masks, train_more_masks};
+pub use place::train_place;
 pub use trust::train_trust;
 
 /// What a training run is made by.

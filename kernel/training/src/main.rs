@@ -8,7 +8,7 @@ use std::time::Instant;
 use clap::{Parser, ValueEnum};
 use sagci_modelling::Weights;
 use sagci_training::{
-    Settings, TrainingError, lessons, mean, train, train_border, train_evidence, train_masks, train_more_masks, train_trust,
+    Settings, TrainingError, lessons, mean, train, train_border, train_evidence, train_masks, train_more_masks, train_place, train_trust,
 };
 
 /// Trains the networks that read object models off point clouds. Without settings, by the rounds of the weights that ship.
@@ -81,6 +81,8 @@ enum Head {
     Trust,
     /// What says that parts move.
     Evidence,
+    /// Where hinges are.
+    Place,
 }
 
 const MASKS: Settings = Settings { seed: 31, objects: 18_000, at_once: 6000, epochs: 3, batch: 16, rate: 1.5e-3, kept: 0.0 };
@@ -88,6 +90,7 @@ const MORE_MASKS: Settings = Settings { seed: 33, objects: 28_000, at_once: 4000
 const BORDER: Settings = Settings { seed: 21, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 3e-3, kept: 0.0 };
 const TRUST: Settings = Settings { seed: 41, objects: 6000, at_once: 6000, epochs: 4, batch: 16, rate: 2e-3, kept: 0.0 };
 const EVIDENCE: Settings = Settings { seed: 51, objects: 8000, at_once: 8000, epochs: 8, batch: 16, rate: 2e-3, kept: 0.0 };
+const PLACE: Settings = Settings { seed: 61, objects: 12_000, at_once: 12_000, epochs: 16, batch: 16, rate: 2e-3, kept: 0.0 };
 
 /// Trains a head by settings, beside weights that stay.
 type TrainHead = fn(&Settings, &Weights, &mut dyn FnMut(&str)) -> Result<Weights, TrainingError>;
@@ -101,6 +104,7 @@ impl Head {
             Self::Border => (train_border, BORDER),
             Self::Trust => (train_trust, TRUST),
             Self::Evidence => (train_evidence, EVIDENCE),
+            Self::Place => (train_place, PLACE),
         }
     }
 }

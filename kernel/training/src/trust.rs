@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use sagci_modelling::network::Weights;
 use sagci_modelling::{Ends, TRUST};
 
-use crate::head::{Head, Rows, more_than, overlaps, train_head};
+use crate::head::{Head, Lessons, Rows, entropy, more_than, overlaps, train_head};
 use crate::lesson::drawn;
 use crate::{Settings, TrainingError};
 
@@ -14,7 +14,7 @@ const PARTS: usize = 4;
 const ENOUGH: f64 = 0.75;
 
 /// What an object teaches.
-fn ends(seed: u64, index: u64, weights: &Weights) -> Rows<TRUST, 1> {
+fn ends(seed: u64, index: u64, weights: &Weights) -> Rows<TRUST, [f32; 1]> {
     let mut out = Rows::default();
     let (object, cloud, _) = drawn(seed, index, false);
     let Ok(asked) = Ends::of(&cloud.points, weights) else { return out };
@@ -32,5 +32,5 @@ fn ends(seed: u64, index: u64, weights: &Weights) -> Rows<TRUST, 1> {
 /// Errors: nothing to learn from; weights that do not fit.
 pub fn train_trust(settings: &Settings, from: &Weights, log: &mut dyn FnMut(&str)) -> Result<Weights, TrainingError> {
     let taught = (0..settings.objects).into_par_iter().map(|i| ends(settings.seed, i, from)).collect();
-    train_head(Head::Trust, settings, PARTS, taught, from, log)
+    train_head(&Lessons::plain(Head::Trust, entropy, PARTS), settings, taught, from, log)
 }

@@ -7,6 +7,7 @@ use crate::border::BORDER;
 use crate::evidence::EVIDENCE;
 use crate::feature::{CANDIDATE, CANDIDATES, PAIR, PIECE, POINT, SAMPLES};
 use crate::mask::{MASK, RELATION};
+use crate::place::{ANSWERS, MEMBERS, PLACE};
 use crate::trust::TRUST;
 
 /// Width of a superpoint's state, and of a group's.
@@ -173,6 +174,26 @@ impl<'a, A: Algebra> Network<'a, A> {
         let x = self.hidden("evidence.1", &given, EVIDENCE, 32)?;
         let x = self.hidden("evidence.2", &x, 32, 16)?;
         self.linear("evidence.3", &x, 16, 1)
+    }
+
+    /// Where hinges are: a row of [`PLACE`] features each; answers as in [`crate::place`], of one network beside those of the next.
+    ///
+    /// Errors: as [`Self::trunk`].
+    pub fn place(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
+        let given = self.algebra.input(rows);
+        let mut all = self.place_by(0, &given)?;
+        for member in 1..MEMBERS {
+            let own = self.place_by(member, &given)?;
+            all = self.algebra.beside(&all, &own);
+        }
+        Ok(all)
+    }
+
+    fn place_by(&mut self, member: usize, given: &A::Value) -> Result<A::Value, ModellingError> {
+        let name = |layer: usize| format!("place.{member}.{layer}");
+        let x = self.hidden(&name(1), given, PLACE, 64)?;
+        let x = self.hidden(&name(2), &x, 64, 32)?;
+        self.linear(&name(3), &x, 32, ANSWERS)
     }
 
     /// Log-odds that x is the front.
