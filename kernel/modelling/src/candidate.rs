@@ -22,6 +22,8 @@ const STRIP: f64 = 0.035;
 /// One candidate, in K.
 #[derive(Debug, Clone)]
 pub(crate) struct Candidate {
+    /// Its number among those of its part.
+    pub(crate) number: usize,
     /// Does it slide?
     pub(crate) slides: bool,
     /// Direction in K; of hinges, still without the sign that opens.
@@ -182,12 +184,13 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
         shared(&mut features);
         features.extend(own);
         features.resize(FEATURES, 0.0);
-        c.features = features;
+        (c.number, c.features) = (all.len(), features);
         all.push(c);
     };
     for axis in [Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z()] {
         let back = s.low.coords.dot(&axis).min(s.high.coords.dot(&axis));
         let c = Candidate {
+            number: 0,
             slides: true,
             axis,
             origin: s.center,
@@ -289,7 +292,8 @@ pub(crate) fn candidates(posed: &Posed<'_>, part: &[usize]) -> Vec<Candidate> {
             for (p, inward) in [(&origin, along), (&other, -along)] {
                 own.extend(if has_stroke { profile(posed, p, &inward, k, reach, (&outward, panel)) } else { [0.0; 2] });
             }
-            let c = Candidate { slides: false, axis, origin, along, across: lift(across * sign, 0.0), length, features: Vec::new() };
+            let c =
+                Candidate { number: 0, slides: false, axis, origin, along, across: lift(across * sign, 0.0), length, features: Vec::new() };
             // Where the rest of the object ends, seen from here: a hinge that is hidden is at an edge of it, most likely.
             for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                 let mut corner = origin;

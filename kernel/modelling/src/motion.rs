@@ -222,7 +222,7 @@ impl<'a> Still<'a> {
         }
         Motion {
             slides: c.slides,
-            candidate: 0,
+            candidate: c.number,
             axis: Unit::new_normalize(R_WK * axis),
             origin: R_WK * origin,
             probability,

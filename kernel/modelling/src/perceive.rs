@@ -11,7 +11,8 @@ use sagci_model::{
 
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
-use crate::decide::{Decided, Decision, Moving, WALLED, decide};
+use crate::decide::{Decided, Decision, Moving, decide};
+use crate::first::WALLED;
 use crate::handle::Handle;
 use crate::motion::Motion;
 use crate::network::Weights;
