@@ -171,3 +171,24 @@ fn a_name_is_not_bent_to_another_shape() {
     assert!(stop(0.8, 1.0) && stop(0.2, -1.0) && stop(1.5, 1.0), "it stops the joint, or is never reached");
     assert!(!stop(0.6, 1.0) && !stop(0.4, -1.0));
 }
+
+/// Where a friction of bristles was lost at its own beginnings it is found from where a loop of friction, the winner without it, has ended.
+#[test]
+fn a_lost_neighbour_is_found_where_the_winner_ended() {
+    let model = door();
+    let bristles =
+        [("stiffness", 8.0), ("micro_damping", 0.01), ("friction", 0.05), ("static_friction", 0.09), ("stribeck_velocity", 0.05)];
+    let truth = with(&model, "presliding_hysteresis", &bristles);
+    let data = [1, 2].map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap());
+    let search = Search::new(&model, &data).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let views = search.views(&base, 1.0).unwrap();
+    let loop_of = base.hypothesis.with("cable_hysteresis", Some("hinge"), &[1e-3, 0.9, 0.05, 0.01, 0.003]).unwrap();
+    let fit = search.fit_on(Fit::start(&search.problem, loop_of).unwrap(), 1.0).unwrap();
+    let evidence = search.evidence(&fit, 1.0);
+    let mut all = vec![Candidate { effect: "cable_hysteresis", joint: Some(0), fit, evidence }];
+    search.ask_neighbours(&base, &views, &mut all, 1.0);
+    let names: Vec<&str> = all.iter().map(|c| c.effect).collect();
+    assert_eq!(names, ["presliding_hysteresis", "cable_hysteresis"]);
+    assert!(all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
+}

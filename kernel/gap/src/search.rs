@@ -219,7 +219,48 @@ impl<'a> Search<'a> {
         all.retain(|c| self.is_shaped(&c.fit));
         all = all.into_par_iter().map(|c| Candidate { fit: self.judge(c.fit), ..c }).collect();
         self.rank(&mut all, scale);
+        self.ask_neighbours(base, &views, &mut all, scale);
         Ok(all)
+    }
+
+    /// Where the fit of the best has come to its end, its neighbours begin there as well: where they began beside its own beginning they may have
+    /// been lost, which is no reason to lose them.
+    pub fn ask_neighbours(&self, base: &Fit, views: &[JointView], all: &mut Vec<Candidate>, scale: f64) {
+        let Some(best) = all.first().cloned() else { return };
+        let is_near = |name: &str| all.iter().any(|c| c.effect == name && c.joint == best.joint && c.evidence > best.evidence - NEAR);
+        let begins = self.neighbours_of(base, views, &best);
+        let begins: Vec<_> = begins.into_iter().filter(|(name, _)| !is_near(name)).collect();
+        let ended = |(effect, hypothesis): (&'static str, Hypothesis)| {
+            let begun = Fit::start(&self.problem, hypothesis).ok()?;
+            let fit = self.refit_beside(base, &begun, scale, best.evidence).ok()?;
+            let evidence = self.evidence(&fit, scale);
+            let holds = evidence.is_finite() && self.is_shaped(&fit);
+            holds.then_some(Candidate { effect, joint: best.joint, fit, evidence })
+        };
+        let more: Vec<Candidate> = begins.into_par_iter().filter_map(ended).collect();
+        if more.is_empty() {
+            return;
+        }
+        all.extend(more);
+        self.rank(all, scale);
+        one_of_each(all);
+    }
+
+    /// Where neighbours of a fitted candidate begin, by their own equations.
+    fn neighbours_of(&self, base: &Fit, views: &[JointView], candidate: &Candidate) -> Vec<(&'static str, Hypothesis)> {
+        let hypothesis = &candidate.fit.hypothesis;
+        let (Some(j), Some(entry)) = (candidate.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else {
+            return Vec::new();
+        };
+        let Ok((_, values)) = effects::parameters_of(&entry) else { return Vec::new() };
+        let begin = |(name, values): (&'static str, Vec<f64>)| {
+            let n = base.hypothesis.x.len();
+            let mut begun = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
+            // Without any effect the known numbers were led astray; beside this one they are where they will be beside its neighbour.
+            begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
+            Some((name, begun.confined(n, views[j].range, views[j].way())))
+        };
+        neighbours(candidate.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
     }
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
@@ -237,8 +278,7 @@ impl<'a> Search<'a> {
         };
         let best = |candidates: &mut Vec<Candidate>| {
             candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-            let mut seen = BTreeSet::new();
-            candidates.retain(|c| seen.insert((c.effect, c.joint)));
+            one_of_each(candidates);
         };
         let mut begins: Vec<(&str, Option<usize>, Hypothesis)> = Vec::new();
         for Screened { effect, joint, hypothesis, .. } in screened {
@@ -263,17 +303,8 @@ impl<'a> Search<'a> {
             best(&mut begun);
         }
         let beside = |c: &Candidate| -> Vec<Candidate> {
-            let hypothesis = &c.fit.hypothesis;
-            let (Some(j), Some(entry)) = (c.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else { return Vec::new() };
-            let Ok((_, values)) = effects::parameters_of(&entry) else { return Vec::new() };
-            let begin = |(name, values): (&'static str, Vec<f64>)| {
-                let n = base.hypothesis.x.len();
-                let mut begun = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
-                // Without any effect the known numbers were led astray; beside this one they are where they will be beside its neighbour.
-                begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
-                first(name, c.joint, begun.confined(n, views[j].range, views[j].way()), QUICK)
-            };
-            neighbours(c.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
+            let begin = |(name, hypothesis)| first(name, c.joint, hypothesis, QUICK);
+            self.neighbours_of(base, views, c).into_iter().filter_map(begin).collect()
         };
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).flat_map_iter(beside).collect();
         begun.extend(more);
@@ -350,6 +381,12 @@ impl<'a> Search<'a> {
         }
         Ok(runs)
     }
+}
+
+/// Keeps the first of each effect on each joint.
+fn one_of_each(candidates: &mut Vec<Candidate>) {
+    let mut seen = BTreeSet::new();
+    candidates.retain(|c| seen.insert((c.effect, c.joint)));
 }
 
 /// Does a joint move by more than its noise?
