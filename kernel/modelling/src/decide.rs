@@ -7,57 +7,10 @@ use crate::analysis::Analysis;
 use crate::ended::Ended;
 use crate::evidence;
 use crate::first::First;
-use crate::handle::Handle;
 use crate::motion::{Motion, agree};
-use crate::moves::Moves;
+use crate::moves::{Moves, Moving};
 use crate::network::{Network, Plain, Weights};
 use crate::side::Side;
-
-/// Classes in the order of the network's outputs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PartClass {
-    /// What stands still.
-    Body,
-    /// A panel on an upright hinge, or one that slides sideways.
-    Door,
-    /// A front with a box behind it.
-    Drawer,
-    /// A panel on top, hinged at an edge.
-    Lid,
-    /// A panel on a level hinge that stands upright when shut.
-    Flap,
-}
-
-impl PartClass {
-    /// Its name in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Body => "body",
-            Self::Door => "door",
-            Self::Drawer => "drawer",
-            Self::Lid => "lid",
-            Self::Flap => "flap",
-        }
-    }
-}
-
-/// A part that moves.
-#[derive(Debug, Clone)]
-pub(crate) struct Moving {
-    pub(crate) class: PartClass,
-    /// How likely its points overlap a true part's by three quarters.
-    pub(crate) confidence: f64,
-    /// Its superpoints.
-    pub(crate) pieces: Vec<usize>,
-    /// Fixed, revolute, prismatic.
-    pub(crate) probabilities: [f64; 3],
-    /// Ways to move, most likely first.
-    pub(crate) motions: Vec<Motion>,
-    /// Standard deviation of the axis, rad, and of its place, m.
-    pub(crate) uncertainty: [f64; 2],
-    /// What a hand can take hold of. In W.
-    pub(crate) handle: Option<Handle>,
-}
 
 /// What was decided.
 pub(crate) struct Decision {

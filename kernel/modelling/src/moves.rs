@@ -5,7 +5,6 @@ use nalgebra::Vector3;
 use crate::ModellingError;
 use crate::analysis::Analysis;
 use crate::candidate::{Candidate, FARTHEST};
-use crate::decide::{Moving, PartClass};
 use crate::ended::Ended;
 use crate::feature::CANDIDATES;
 use crate::first::First;
@@ -22,12 +21,58 @@ const DOUBT: f64 = 0.1;
 /// A hinge that is less likely than this is not asked about once more.
 const SELDOM: f64 = 0.02;
 
+/// Classes in the order of the network's outputs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PartClass {
+    /// What stands still.
+    Body,
+    /// A panel on an upright hinge, or one that slides sideways.
+    Door,
+    /// A front with a box behind it.
+    Drawer,
+    /// A panel on top, hinged at an edge.
+    Lid,
+    /// A panel on a level hinge that stands upright when shut.
+    Flap,
+}
+
+impl PartClass {
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Body => "body",
+            Self::Door => "door",
+            Self::Drawer => "drawer",
+            Self::Lid => "lid",
+            Self::Flap => "flap",
+        }
+    }
+}
+
+/// A part that moves.
+#[derive(Debug, Clone)]
+pub(crate) struct Moving {
+    pub(crate) class: PartClass,
+    /// How likely its points overlap a true part's by three quarters.
+    pub(crate) confidence: f64,
+    /// Its superpoints.
+    pub(crate) pieces: Vec<usize>,
+    /// Fixed, revolute, prismatic.
+    pub(crate) probabilities: [f64; 3],
+    /// Ways to move, most likely first.
+    pub(crate) motions: Vec<Motion>,
+    /// Standard deviation of the axis, rad, and of its place, m.
+    pub(crate) uncertainty: [f64; 2],
+    /// What a hand can take hold of. In W.
+    pub(crate) handle: Option<Handle>,
+}
+
 /// How parts move, as far as the network says that of all candidates.
 pub(crate) struct Moves {
     pub(crate) parts: Vec<Moving>,
-    pub(crate) candidates: Vec<Vec<Candidate>>,
+    candidates: Vec<Vec<Candidate>>,
     /// Of each part [`CANDIDATES`] rows: a score and where the hinge is.
-    pub(crate) out: Matrix,
+    out: Matrix,
 }
 
 impl Moves {
@@ -55,9 +100,8 @@ impl Moves {
     pub(crate) fn hinges(&self, ended: &Ended, side: &Side<'_>) -> Vec<(usize, usize, Hinge<'_>)> {
         let mut out = Vec::new();
         for (k, part) in self.parts.iter().enumerate() {
-            for (m, motion) in
-                part.motions.iter().enumerate().filter(|(m, motion)| !motion.slides && (*m == 0 || motion.probability > SELDOM))
-            {
+            let turns = |(m, motion): &(usize, &Motion)| !motion.slides && (*m == 0 || motion.probability > SELDOM);
+            for (m, motion) in part.motions.iter().enumerate().filter(turns) {
                 let hinge = Hinge {
                     candidate: &self.candidates[k][motion.candidate],
                     residual: residual(&self.out, k * CANDIDATES + motion.candidate),

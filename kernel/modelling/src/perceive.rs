@@ -11,10 +11,11 @@ use sagci_model::{
 
 use crate::ModellingError;
 use crate::analysis::{Analysis, analyse};
-use crate::decide::{Decided, Decision, Moving, decide};
+use crate::decide::{Decided, Decision, decide};
 use crate::first::WALLED;
 use crate::handle::Handle;
 use crate::motion::Motion;
+use crate::moves::Moving;
 use crate::network::Weights;
 use crate::prepare::brought_near;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
