@@ -49,6 +49,11 @@ impl Ended {
         Ok(Self { fine, groups, pieces, share, promise, label, trust, evidence })
     }
 
+    /// Of each input point its part, 0 the body.
+    pub(crate) fn label_of_input(&self, whole: &Analysis) -> Vec<Option<u32>> {
+        whole.of_input.iter().map(|i| i.and_then(|i| self.label[i as usize])).collect()
+    }
+
     /// Keeps some of the parts, by their numbers from 0; the others are the body's.
     pub(crate) fn keep(&mut self, kept: &[usize]) {
         let number = |l: u32| kept.iter().position(|g| *g as u32 + 1 == l).map_or(0, |k| k as u32 + 1);

@@ -92,8 +92,7 @@ impl Ends {
         let first = First::of(&analyses, &mut plain)?;
         let analysis = &analyses[first.index];
         let ended = Ended::of(&first, analysis, &mut plain)?;
-        let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
-        Ok(Self { trust: ended.trust, evidence: ended.evidence, label_of_input })
+        Ok(Self { label_of_input: ended.label_of_input(analysis), trust: ended.trust, evidence: ended.evidence })
     }
 }
 
@@ -127,14 +126,13 @@ impl Hinges {
         let moves = Moves::of(&first, analysis, &ended, &side, &mut Network::new(&mut plain))?;
         let hinges: Vec<Hinge<'_>> = moves.hinges(&ended, &side).into_iter().map(|h| h.2).collect();
         let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
-        let label_of_input = analysis.of_input.iter().map(|i| i.and_then(|i| ended.label[i as usize])).collect();
         Ok(Self {
             rows: place::rows(&side.posed, &ended.label, &hinges),
             part: hinges.iter().map(|h| h.label).collect(),
             axis: hinges.iter().map(|h| R_WK * h.axis).collect(),
             origin: hinges.iter().map(|h| R_WK * h.candidate.corrected(h.residual)).collect(),
             frames: hinges.iter().map(|h| h.frames().map(|f| f.map(|v| R_WK * v))).map(|[[a, b], [c, d]]| [a, b, c, d]).collect(),
-            label_of_input,
+            label_of_input: ended.label_of_input(analysis),
         })
     }
 }
