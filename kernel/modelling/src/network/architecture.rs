@@ -176,7 +176,7 @@ impl<'a, A: Algebra> Network<'a, A> {
         self.linear("evidence.3", &x, 16, 1)
     }
 
-    /// Where hinges are: a row of [`PLACE`] features each; answers as in [`crate::place`], of one network beside those of the next.
+    /// Where hinges are: a row of [`PLACE`] features each; [`ANSWERS`] of one network beside those of the next.
     ///
     /// Errors: as [`Self::trunk`].
     pub fn place(&mut self, rows: Matrix) -> Result<A::Value, ModellingError> {
