@@ -15,6 +15,9 @@ const CERTAIN: f64 = 100.0;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
+/// Share of joints' ranges below which a gap without a name is none: engines of the same model differ by as much within a second.
+const NOTHING: f64 = 2e-4;
+
 /// What was named.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Named {
@@ -47,6 +50,9 @@ pub(crate) fn left_over(
     let lacking = search.explained_force(current, refitted)?;
     let share = nameless.force / lacking.hypot(nameless.force).max(1e-12);
     let unseen = gap.held_out.as_ref().unwrap_or(&gap.train);
+    if named != Named::Near && unseen.after < NOTHING && gap.train.after < NOTHING {
+        return Ok(None);
+    }
     // Beside an unstable rest a few windows end anywhere.
     let far = unseen.is_far() && unseen.is_mostly_far();
     // Where nothing is named and data that nothing was fitted to are far off, something is missing that the known numbers hide where they are
