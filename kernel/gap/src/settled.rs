@@ -116,15 +116,17 @@ impl Settled<'_, '_> {
             return Ok(Some("it breaks away at many times the force that it slides with"));
         }
         if self.is_imitated(said)? {
-            return Ok(Some("a force by place or speed alone, without a name, fits better"));
+            return Ok(Some("a force by place or speed alone, without a name, fits as well"));
         }
         let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
         if far && shown.left() > MOST_OF_IT {
             return Ok(Some("most of the gap is left"));
         }
-        let most_of_both = share > MOST_OF_IT && shown.left() > MOST_OF_IT;
-        if share > MOST_OF_FORCE && shown.left() > GOOD_PART || most_of_both && left.1.evidence > 2.0 * CONVINCING {
+        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
             return Ok(Some("more of the force is left than is explained"));
+        }
+        if share > MOST_OF_IT && shown.left() > MOST_OF_IT && left.1.evidence > 2.0 * CONVINCING {
+            return Ok(Some("most of the gap is left, and much of the force"));
         }
         let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
         let beside = said + left.1.evidence - all.evidence;

@@ -61,7 +61,7 @@ pub use mask::{MASK, RELATION};
 pub use moves::PartClass;
 pub use network::Weights;
 pub use perceive::{Perceived, perceive};
-pub use place::{ANSWERS, MEMBERS, PLACE};
+pub use place::{ANSWERS as PLACE_ANSWERS, MEMBERS as PLACE_MEMBERS, PLACE};
 pub use report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
 pub use side::{Options, Side};
 pub use taught::{Borders, Ends, Groups, Hinges};

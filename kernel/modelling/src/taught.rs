@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::ModellingError;
-use crate::analysis::analyse;
+use crate::analysis::{Analysis, analyse};
 use crate::ended::Ended;
 use crate::first::First;
 use crate::moves::Moves;
@@ -72,6 +72,20 @@ impl Groups {
     }
 }
 
+/// What is made of a cloud's parts, once it is known which points are theirs.
+fn ended<T>(
+    cloud: &[Point3<f64>],
+    weights: &Weights,
+    made: impl FnOnce(&First<'_>, &Analysis, Ended, &mut Plain<'_>) -> Result<T, ModellingError>,
+) -> Result<T, ModellingError> {
+    let analyses = analyse(cloud)?;
+    let mut plain = Plain { weights: &weights.matrices };
+    let first = First::of(&analyses, &mut plain)?;
+    let analysis = &analyses[first.index];
+    let ended = Ended::of(&first, analysis, &mut plain)?;
+    made(&first, analysis, ended, &mut plain)
+}
+
 /// What is asked about parts in the end, for training.
 pub struct Ends {
     /// Of the body and each part a row of features, how far it is to be trusted.
@@ -87,12 +101,9 @@ impl Ends {
     ///
     /// Errors: as [`crate::perceive()`].
     pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
-        let analyses = analyse(cloud)?;
-        let mut plain = Plain { weights: &weights.matrices };
-        let first = First::of(&analyses, &mut plain)?;
-        let analysis = &analyses[first.index];
-        let ended = Ended::of(&first, analysis, &mut plain)?;
-        Ok(Self { label_of_input: ended.label_of_input(analysis), trust: ended.trust, evidence: ended.evidence })
+        ended(cloud, weights, |_, analysis, ended, _| {
+            Ok(Self { label_of_input: ended.label_of_input(analysis), trust: ended.trust, evidence: ended.evidence })
+        })
     }
 }
 
@@ -117,22 +128,19 @@ impl Hinges {
     ///
     /// Errors: as [`crate::perceive()`].
     pub fn of(cloud: &[Point3<f64>], weights: &Weights) -> Result<Self, ModellingError> {
-        let analyses = analyse(cloud)?;
-        let mut plain = Plain { weights: &weights.matrices };
-        let first = First::of(&analyses, &mut plain)?;
-        let analysis = &analyses[first.index];
-        let ended = Ended::of(&first, analysis, &mut plain)?;
-        let side = Side::new(&ended.fine, first.seen.quarter);
-        let moves = Moves::of(&first, analysis, &ended, &side, &mut Network::new(&mut plain))?;
-        let hinges: Vec<Hinge<'_>> = moves.hinges(&ended, &side).into_iter().map(|h| h.2).collect();
-        let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
-        Ok(Self {
-            rows: place::rows(&side.posed, &ended.label, &hinges),
-            part: hinges.iter().map(|h| h.label).collect(),
-            axis: hinges.iter().map(|h| R_WK * h.axis).collect(),
-            origin: hinges.iter().map(|h| R_WK * h.candidate.corrected(h.residual)).collect(),
-            frames: hinges.iter().map(|h| h.frames().map(|f| f.map(|v| R_WK * v))).map(|[[a, b], [c, d]]| [a, b, c, d]).collect(),
-            label_of_input: ended.label_of_input(analysis),
+        ended(cloud, weights, |first, analysis, ended, plain| {
+            let side = Side::new(&ended.fine, first.seen.quarter);
+            let moves = Moves::of(first, analysis, &ended, &side, &mut Network::new(plain))?;
+            let hinges: Vec<Hinge<'_>> = moves.hinges(&ended, &side).into_iter().map(|h| h.2).collect();
+            let R_WK = (side.posed.R_KA * side.posed.analysis.R_AW).inverse();
+            Ok(Self {
+                rows: place::rows(&side.posed, &ended.label, &hinges),
+                part: hinges.iter().map(|h| h.label).collect(),
+                axis: hinges.iter().map(|h| R_WK * h.axis).collect(),
+                origin: hinges.iter().map(|h| R_WK * h.candidate.corrected(h.residual)).collect(),
+                frames: hinges.iter().map(|h| h.frames().map(|f| f.map(|v| R_WK * v))).map(|[[a, b], [c, d]]| [a, b, c, d]).collect(),
+                label_of_input: ended.label_of_input(analysis),
+            })
         })
     }
 }

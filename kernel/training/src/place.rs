@@ -9,7 +9,7 @@ use nalgebra::{Matrix2x4, Vector2, Vector4};
 use rayon::prelude::*;
 use sagci_furniture::Kind;
 use sagci_modelling::network::{Matrix, Weights};
-use sagci_modelling::{ANSWERS, FARTHEST, Hinges, MEMBERS, PLACE, RESIDUAL};
+use sagci_modelling::{FARTHEST, Hinges, PLACE, PLACE_ANSWERS, PLACE_MEMBERS, RESIDUAL};
 
 use crate::head::{Head, Lessons, Rows, overlaps, train_head};
 use crate::lesson::drawn;
@@ -63,17 +63,17 @@ fn hinges(seed: u64, index: u64, weights: &Weights) -> Rows<PLACE, Target> {
 fn loss(out: &Matrix, targets: &[Target]) -> ([f64; 2], Matrix) {
     let n = targets.len().max(1) as f32;
     let mut score = [0.0; 2];
-    let mut d = Matrix::zeros(targets.len(), MEMBERS * ANSWERS);
+    let mut d = Matrix::zeros(targets.len(), PLACE_MEMBERS * PLACE_ANSWERS);
     for (i, target) in targets.iter().enumerate() {
         let mut mean = Vector2::zeros();
-        for first in (0..MEMBERS).map(|m| m * ANSWERS) {
+        for first in (0..PLACE_MEMBERS).map(|m| m * PLACE_ANSWERS) {
             let off = target.moves * Vector4::from_fn(|k, _| out[(i, first + k)]) - target.true_move;
-            mean += off / MEMBERS as f32;
+            mean += off / PLACE_MEMBERS as f32;
             let distance = (off.norm_squared() + NONE * NONE).sqrt();
             // A Laplace distribution's scale, told apart from the distance: what is hard to tell counts as much as the rest.
             let expected = out[(i, first + 4)].clamp(-5.0, 3.0);
             let ratio = distance / expected.exp();
-            score[0] += f64::from((distance + EXPECTED * (ratio + expected)) / (n * MEMBERS as f32));
+            score[0] += f64::from((distance + EXPECTED * (ratio + expected)) / (n * PLACE_MEMBERS as f32));
             let slope = target.moves.transpose() * off / (distance * n);
             (0..4).for_each(|k| d[(i, first + k)] = slope[k]);
             d[(i, first + 4)] = EXPECTED * (1.0 - ratio).max(-10.0) / n;
