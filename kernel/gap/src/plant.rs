@@ -22,8 +22,8 @@ pub(crate) struct Plant {
     misread: Vec<bool>,
     /// How late the only joint's measurements are stamped, s: by their stamps, what drives it acts so much later.
     skew: Option<f64>,
-    /// The same without what happens to commands, where anything does: efforts act on joints behind it; and on a base that stands: how far one
-    /// that swings has come after some rows says nothing about a row.
+    /// The same without what happens to commands, where anything does: efforts act on joints behind it; by a clock that is right: what comes late
+    /// has moved little after a row; and on a base that stands: how far one that swings has come after some rows says nothing about a row.
     behind_drives: Option<Box<Self>>,
     /// How late inputs act, s: of each clock that is off and each message that is on its way. Steps end where an input changes.
     late: Vec<f64>,
@@ -234,7 +234,9 @@ impl Plant {
             Ends { parent: name(joint.parent), child: name(joint.child), axis: joint.axis, slides }
         });
         let ends = ends.collect();
-        let apart = |e: &EffectEntry| effects::find(&e.effect).is_ok_and(|e| matches!(e.description().acts, Acts::Command(_) | Acts::Base));
+        let late = |e: &EffectEntry| e.effect == "clock_skew";
+        let acts_apart = |acts: Acts| matches!(acts, Acts::Command(_) | Acts::Base);
+        let apart = |e: &EffectEntry| late(e) || effects::find(&e.effect).is_ok_and(|e| acts_apart(e.description().acts));
         let mut bare = model.clone();
         bare.document.effects.retain(|e| !apart(e));
         let all = bare.document.effects.len() == model.document.effects.len();
@@ -245,8 +247,8 @@ impl Plant {
             model.document.effects.iter().any(|e| there(e) && of_sensor(e))
         });
         let misread = misread.collect();
-        let late = |e: &EffectEntry| if e.effect == "clock_skew" { e.parameters.get("skew").copied() } else { None };
-        let skew: f64 = model.document.effects.iter().filter_map(late).sum();
+        let by = |e: &EffectEntry| if late(e) { e.parameters.get("skew").copied() } else { None };
+        let skew: f64 = model.document.effects.iter().filter_map(by).sum();
         let skew = (moving.len() == 1 && skew != 0.0).then_some(skew);
         let on_its_way = |e: &EffectEntry| if e.effect == "transport_delay" { e.parameters.get("delay").copied() } else { None };
         let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();

@@ -67,6 +67,19 @@ fn a_free_joint_that_turns_round_is_followed_to_second_order() {
     assert!(off(2.5e-4) < off(1.25e-3) / 15.0, "{} and {} rad", off(1.25e-3), off(2.5e-4));
 }
 
+/// What a late input has moved after a row says nothing of how much it moves.
+#[test]
+fn inputs_that_come_late_do_not_make_a_joint_immovable() {
+    let mobility = |model: &ObjectModel| Plant::new(model, &[[false; 2]], STEP).unwrap().mobility(&[0.3], PERIOD, &[1.0])[0];
+    for (effect, number) in [("transport_delay", "delay"), ("clock_skew", "skew")] {
+        for late in [0.003, 0.0118] {
+            let model = with(&door(), effect, &[(number, late)]);
+            let (late_one, usual) = (mobility(&model), mobility(&door()));
+            assert!((late_one / usual - 1.0).abs() < 0.02, "{effect} of {late} s: {late_one} for {usual}");
+        }
+    }
+}
+
 /// A filter that is told that no effort moves a joint, since friction holds it under the largest, believes none of the motion that it sees.
 #[test]
 fn friction_that_holds_a_joint_does_not_make_it_immovable() {
