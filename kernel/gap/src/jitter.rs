@@ -85,6 +85,26 @@ impl Problem<'_> {
         }
     }
 
+    /// Standard deviation of chance in the evidence between two fits: of two models that answer the noise of efforts otherwise, one that is later
+    /// for instance, either may come nearer to errors `e` that have nothing to do with it,
+    ///
+    /// ```text
+    /// 1/2 (2 <e, (R_a - R_b) n>) / s^2,   e_k ~ N(0, s^2)   =>   |(R_a - R_b) n| / s
+    /// ```
+    pub fn chance(&self, fits: [&Fit; 2], mobility: &[f64], scale: f64) -> f64 {
+        let size = &self.disturbance.effort;
+        if size.iter().all(|e| *e == 0.0) {
+            return 0.0;
+        }
+        let alike = Problem { mobility: Some(mobility.to_vec()), ..self.clone() };
+        let mut random = Pcg64::seed_from_u64(SEED);
+        let drawn: Vec<Vec<f64>> = self.trajectories.iter().map(|t| white(t, size, &mut random)).collect();
+        let none: Vec<Vec<f64>> = Vec::new();
+        let answer = |fit: &Fit| Ok::<_, GapError>(alike.errors_beside(fit, &drawn)? - alike.errors_beside(fit, &none)?);
+        let [a, b] = fits.map(answer);
+        a.and_then(|a| Ok((a - b?).norm())).unwrap_or(0.0) / scale
+    }
+
     /// Which share of the variance of a joint's effort from row to row, `size` squared, is noise of its measurement; none if the data do not say.
     pub fn share_of_noise(&self, fit: &Fit, joint: usize, size: f64) -> Option<f64> {
         let n = self.disturbance.effort.len();

@@ -10,6 +10,10 @@ use crate::weigh::{CONVINCING, MATERIAL};
 
 /// How many times its noise floor a gap is that cannot be smaller.
 const NEAR_FLOOR: f64 = 1.2;
+/// The same of one that may hold nothing more where names explain all but so small a share of the gap, on data that nothing was fitted to, too:
+/// there their force is right to more than errors of its slopes and its size, and noisy efforts alone lead those astray.
+const CLOSE_TO_FLOOR: f64 = 2.0;
+const ALL_BUT: f64 = 0.05;
 /// Evidence of a force without a name that is there though the gap hardly shows it.
 const CERTAIN: f64 = 100.0;
 /// Share of the lacking force below which nobody minds that it has no name.
@@ -51,6 +55,10 @@ pub(crate) fn left_over(
     let share = nameless.force / lacking.hypot(nameless.force).max(1e-12);
     let unseen = gap.held_out.as_ref().unwrap_or(&gap.train);
     if named != Named::Near && unseen.after < NOTHING && gap.train.after < NOTHING {
+        return Ok(None);
+    }
+    let explained = [&gap.train, unseen].iter().all(|g| g.left() < ALL_BUT) && gap.train.after < CLOSE_TO_FLOOR * gap.train.noise_floor;
+    if named == Named::Something && explained {
         return Ok(None);
     }
     // Beside an unstable rest a few windows end anywhere.

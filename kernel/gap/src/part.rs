@@ -63,6 +63,11 @@ impl Search<'_> {
         Some(part)
     }
 
+    /// Share of the measured data of another search that this one is over: so much of the evidence there is to be expected.
+    pub fn share_of(&self, whole: &Search<'_>) -> f64 {
+        self.problem.measured() as f64 / whole.problem.measured() as f64
+    }
+
     /// The same search over other data of the same model.
     pub fn over<'b>(&self, trajectories: &'b [Trajectory]) -> Search<'b> {
         let Self { problem, names, joints, inertias, seen, still, jitter, mobility, .. } = self;

@@ -125,32 +125,39 @@ impl Response {
 
     /// The change of all normalised prediction errors by forces on the joint.
     pub fn errors_of(&self, forces: &[f64]) -> DVector<f64> {
-        let n = self.joints;
-        let mut errors = DVector::zeros(self.errors);
-        let mut offsets = vec![[0.0; 2]; n];
-        let entries = errors.as_mut_slice().chunks_exact_mut(n).zip(self.gains.chunks_exact(n));
+        let mut errors = Vec::with_capacity(self.errors);
+        match self.joints {
+            1 => self.respond::<1>(forces, &mut [[0.0; 2]], &mut errors),
+            2 => self.respond::<2>(forces, &mut [[0.0; 2]; 2], &mut errors),
+            n => self.respond::<0>(forces, &mut vec![[0.0; 2]; n], &mut errors),
+        }
+        errors.resize(self.errors, 0.0);
+        DVector::from_vec(errors)
+    }
+
+    /// The same row by row, of `N` joints, zero where their number is not known before: the screens spend most of their time here.
+    fn respond<const N: usize>(&self, forces: &[f64], offsets: &mut [[f64; 2]], errors: &mut Vec<f64>) {
+        let n = if N > 0 { N } else { self.joints };
+        let (offsets, joint) = (&mut offsets[..n], self.joint);
         let along = self.inverse.chunks_exact(n).zip(self.decay.chunks_exact(n));
-        for (((row, force), (errors, gains)), (inverse, decay)) in self.rows.iter().zip(forces).zip(entries).zip(along) {
+        for (((row, force), gains), (inverse, decay)) in self.rows.iter().zip(forces).zip(self.gains.chunks_exact(n)).zip(along) {
             if row.start {
                 offsets.fill([0.0; 2]);
             }
-            let [held, _] = offsets[self.joint];
-            for i in 0..n {
-                let [mut q, mut v] = offsets[i];
-                let [gain_q, gain_v, certainty] = gains[i];
-                errors[i] = -q * certainty;
-                v -= gain_v * q;
-                q -= gain_q * q;
-                let a = -inverse[i] * force;
-                let [kept, gained, moved, shifted] = decay[i];
-                offsets[i] = [q + moved * v + shifted * a, kept * v + gained * a];
+            let [held, _] = offsets[joint];
+            for (((offset, [gain_q, gain_v, certainty]), inverse), [kept, gained, moved, shifted]) in
+                offsets.iter_mut().zip(gains).zip(inverse).zip(decay)
+            {
+                let [q, v] = *offset;
+                errors.push(-q * certainty);
+                let (a, v, q) = (-inverse * force, v - gain_v * q, q - gain_q * q);
+                *offset = [q + moved * v + shifted * a, kept * v + gained * a];
             }
             // Dry friction takes the force, too.
             if row.holds() {
-                offsets[self.joint] = [held - gains[self.joint][0] * held, 0.0];
+                offsets[joint] = [held - gains[joint][0] * held, 0.0];
             }
         }
-        errors
     }
 
     /// What the force of each row may depend on. A noisy input is the mean of those before and after it, further away than the filter

@@ -15,7 +15,7 @@ use crate::noise;
 use crate::observer::{self, Disturbance, Errors, Run};
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
-use crate::starts::{JointView, Seen, neighbours};
+use crate::starts::{JointView, Seen, neighbours, observable};
 use crate::stops::{self, Stops};
 use crate::trajectory::{Drive, Trajectory, joint_names};
 
@@ -73,6 +73,8 @@ const TRIFLE: f64 = 1e-3;
 /// Steps of a first fit in the simulator, and those after which one of an effect's starts is chosen on an arm.
 pub(crate) const QUICK: usize = 5;
 const LOOK: usize = 2;
+/// Share of a gain that is asked for below which nothing is fitted to the end.
+const HALF_WAY: f64 = 0.5;
 /// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
 /// further.
 const CLOSE: f64 = 0.8;
@@ -180,37 +182,36 @@ impl<'a> Search<'a> {
 
     /// One more effect on top of a fit: all that the catalogue offers, the most likely first.
     pub fn stage(&self, base: &Fit, scale: f64) -> Result<Vec<Candidate>, GapError> {
-        self.stage_within(base, scale, usize::MAX)
+        self.stage_within(base, scale, usize::MAX, 0.0)
     }
 
-    /// The same of effects with so many numbers at the most.
-    pub fn stage_within(&self, base: &Fit, scale: f64, most: usize) -> Result<Vec<Candidate>, GapError> {
+    /// The same of effects with so many numbers at the most. What cannot be hoped to gain so much evidence is not followed far.
+    pub fn stage_within(&self, base: &Fit, scale: f64, most: usize, gain: f64) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base, scale)?;
         let mut all = match self.part(scale) {
-            None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale), scale),
+            None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
             Some(part) if !self.many_joints() => {
                 let light = self.over(&part.trajectories);
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
-                let begun = light.begun(&part.of(&light, base)?, &views, screened, scale);
+                let begun = light.begun(&part.of(&light, base)?, &views, screened, scale, gain * light.share_of(self));
                 let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
                 begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-                self.ended(base, begun, scale)
+                self.ended(base, begun, scale, gain)
             }
             Some(part) => {
                 let light = self.over(&part.trajectories);
                 let base_there = part.of(&light, base)?;
                 let screened = light.screen(&base_there, &views, scale, most)?;
-                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, screened, scale), scale);
+                let share = light.share_of(self);
+                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, screened, scale, gain * share), scale);
                 let mut all = light.finished(&base_there, first, scale);
                 light.rank(&mut all, scale);
-                // All of the data say as much more as they are more.
-                let more = self.problem.measured() as f64 / light.problem.measured() as f64;
                 let best = all.first().map_or(0.0, |c| c.evidence);
                 // Where the best explains all but noise, none that is far behind it comes before it elsewhere.
                 let rest = all.first().is_some_and(|c| light.scale(&c.fit) > EXPLAINED);
                 let far = if rest { FAR * (best - light.evidence(&base_there, scale)) } else { 0.0 };
-                let behind = f64::max(NEAR / more, far);
+                let behind = f64::max(NEAR * share, far);
                 all.truncate(all.iter().take(FEWER).take_while(|c| c.evidence > best - behind).count().max(2));
                 let whole = |c: Candidate, bar: f64| Some(Candidate { fit: self.refit_beside(base, &c.fit, scale, bar).ok()?, ..c });
                 self.first_first(base, all, scale, whole)
@@ -260,13 +261,14 @@ impl<'a> Search<'a> {
             begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
             Some((name, begun.confined(n, views[j].range, views[j].way())))
         };
-        neighbours(candidate.effect, &values, &views[j]).into_iter().filter_map(begin).collect()
+        let seen = |(name, _): &(&'static str, Vec<f64>)| observable(name, self.seen[j]);
+        neighbours(candidate.effect, &values, &views[j]).into_iter().filter(seen).filter_map(begin).collect()
     }
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
-    fn begun(&self, base: &Fit, views: &[JointView], screened: Vec<Screened>, scale: f64) -> Vec<Candidate> {
+    fn begun(&self, base: &Fit, views: &[JointView], screened: Vec<Screened>, scale: f64, gain: f64) -> Vec<Candidate> {
         let known = Derivatives { frozen: Some(&base.jacobian), ..Derivatives::ROUGH };
-        let effort = |rounds: usize| Effort { bar: self.evidence(base, scale), ..Effort::new(rounds, 0.5) };
+        let effort = |rounds: usize| Effort { bar: self.evidence(base, scale) + gain, ..Effort::new(rounds, 0.5) };
         let first = |effect: &'static str, joint: Option<usize>, hypothesis: Hypothesis, rounds: usize| {
             let mut fit = Fit::start(&self.problem, hypothesis).ok()?;
             // Judged at the end; until then beside the base.
@@ -334,8 +336,12 @@ impl<'a> Search<'a> {
         (begun, rest)
     }
 
-    /// All that was begun, what has hope fitted to the end.
-    fn ended(&self, base: &Fit, begun: Vec<Candidate>, scale: f64) -> Vec<Candidate> {
+    /// All that was begun, what has hope fitted to the end; nothing where all are far from a gain in evidence that is asked for.
+    fn ended(&self, base: &Fit, begun: Vec<Candidate>, scale: f64, gain: f64) -> Vec<Candidate> {
+        let here = self.evidence(base, scale);
+        if gain > 0.0 && begun.iter().all(|c| c.evidence - here < HALF_WAY * gain) {
+            return begun;
+        }
         let (first, rest) = self.divided(base, begun, scale);
         let mut all = self.finished(base, first, scale);
         all.extend(rest);

@@ -154,9 +154,10 @@ impl Settled<'_, '_> {
         let more = free.evidence - said;
         Ok(match count <= FEW {
             true => more > PLAINLY * apart && said < NEARLY * free.evidence,
-            // Each of several names has to say something beside the curve. Where the joint went one way only the curve bends to all that they say:
-            // a tie is the most that they can have.
-            false if self.chosen.len() > 1 && !search.seen[joint].one_way => more > -CONVINCING * apart * self.chosen.len() as f64,
+            // Where the joint went one way only the curve bends to all that they say, and to what they leave: near it is the most that they can come.
+            false if search.seen[joint].one_way => more > CONVINCING * apart && said < NEARLY * free.evidence,
+            // Each of several names has to say something beside the curve.
+            false if self.chosen.len() > 1 => more > -CONVINCING * apart * self.chosen.len() as f64,
             false => more > CONVINCING * apart,
         })
     }

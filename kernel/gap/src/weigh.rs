@@ -23,6 +23,8 @@ use crate::windows::{SHORT, Seek, likely_noise};
 pub(crate) const CONVINCING: f64 = 10.0;
 /// Logarithm of the Bayes factor from which on nothing else is asked of an effect: three times what any had in data that lack none.
 const CERTAIN: f64 = 150.0;
+/// Standard deviations of chance that evidence has to be beyond, besides.
+const SURELY: f64 = 2.0;
 /// How many of the best are looked at for a simpler one, and the share of what accelerates a joint by which it may differ.
 const NEAREST: usize = 5;
 const SAME: f64 = 0.5 * FLOOR;
@@ -215,8 +217,11 @@ impl<'a> Search<'a> {
         let fall = |c: &Candidate| current.squares - c.fit.squares;
         let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
         let Some(plain) = candidates.iter().find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
-        // Where nothing can be found beside the plain one, it stays alone. Together they have fewer numbers than the rich one.
-        let mut second = self.stage_within(&plain.fit, scale, more(&best.fit) - 2).unwrap_or_default();
+        // Where nothing can be found beside the plain one, it stays alone. Together they have fewer numbers than the rich one. What makes the same
+        // force, or says nearly as much, comes at least half of the way there.
+        let half_way = 0.5 * (best.evidence - plain.evidence);
+        let nearly = NEARLY * (best.evidence - here) - (plain.evidence - here);
+        let mut second = self.stage_within(&plain.fit, scale, more(&best.fit) - 2, half_way.min(nearly).max(0.0)).unwrap_or_default();
         second.retain(|c| more(&c.fit) < more(&best.fit));
         self.rank(&mut second, scale);
         let Some(two) = second.first() else { return Ok(()) };
@@ -234,7 +239,7 @@ impl<'a> Search<'a> {
     /// Is an effect there? `gain` is what the evidence gains by it. Errors that go on from row to row say less than as many that are
     /// independent, but for those that add up to a good part of the gap.
     pub fn is_convincing(&self, model: &ObjectModel, less: &Fit, more: &Fit, gain: f64, window: f64) -> bool {
-        if gain < CONVINCING {
+        if gain < CONVINCING || gain < CONVINCING + SURELY * self.problem.chance([less, more], &self.mobility, self.scale(more)) {
             return false;
         }
         let fewer = self.problem.persistence(&more.errors, &(&less.errors - &more.errors));
