@@ -85,8 +85,8 @@ pub(crate) fn left_over(
         Named::Something | Named::Near => near(unseen),
         Named::NamelessWon | Named::Nothing => !(far || is_large && gap.train.is_far()),
     };
-    let shows =
-        is_there && (!by_chance || search.is_plain(current, nameless)) && (!at_the_floor || holds(search, current, *joint, nameless)?);
+    let in_doubt = at_the_floor || named == Named::Something && search.problem.disturbance.effort[*joint] > 0.0;
+    let shows = is_there && (!by_chance || search.is_plain(current, nameless)) && (!in_doubt || holds(search, current, *joint, nameless)?);
     Ok(shows.then(|| Unexplained { share, joint: search.names[*joint].clone(), over: nameless.over.into(), region: nameless.region }))
 }
 
