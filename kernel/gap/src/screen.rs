@@ -16,7 +16,7 @@ use crate::search::Search;
 use crate::span::{Change, Span};
 use crate::starts::{self, JointView, observable, starts};
 
-/// Effects that go on to the simulator, and starts of one of them.
+/// Effects that go on to the simulator, plain ones apart, and starts of one of them.
 const SEMIFINALISTS: usize = 12;
 const STARTS: usize = 2;
 /// Starts of an effect that are fitted to the end in the linear response, and the rounds after which they are chosen and all of them.
@@ -310,7 +310,11 @@ impl Search<'_> {
 /// own direction may not hold, least where a model sticks, so those that were fitted are not asked to keep up with it.
 fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
     ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
-    ranked.truncate(SEMIFINALISTS);
+    let mut count = 0;
+    ranked.retain(|r| {
+        count += 1;
+        count <= SEMIFINALISTS || r[0].plain
+    });
     let most = |linear: bool| ranked.iter().find(|r| r[0].linear == linear).map_or(0.0, |r| r[0].worth);
     let most = [most(false), most(true)];
     let mut place = 0;
@@ -406,6 +410,16 @@ mod tests {
         let kept = worth_a_fit(all.iter().map(|(name, worth)| screened(name, false, false, *worth)).collect());
         let names: Vec<&str> = kept.iter().map(|r| r[0].effect).collect();
         assert_eq!(names, ["clock_skew", "payload", "transport_delay", "torque_gain", "joint_elasticity"]);
+    }
+
+    /// A servo whose centre of mass was led astray by a bias: a dozen others bend to what is left.
+    #[test]
+    fn a_plain_force_needs_no_place_among_the_first() {
+        let rich = effects::catalogue().iter().map(|e| e.description().name).filter(|name| *name != "torque_bias").take(14);
+        let mut all: Vec<_> = rich.enumerate().map(|(i, name)| screened(name, true, false, 900.0 - 10.0 * i as f64)).collect();
+        all.push(screened("torque_bias", true, true, 250.0));
+        let kept = kept(all);
+        assert!(kept.len() == SEMIFINALISTS + 1 && kept.last() == Some(&"torque_bias"), "{kept:?}");
     }
 
     #[test]
