@@ -70,13 +70,7 @@ impl Problem<'_> {
     /// there is: noise throws such a model from one state into another, a latch that falls or does not, and what it adds once more is not what it
     /// has added.
     pub fn judged(&self, fit: &Fit, mobility: &[f64]) -> f64 {
-        let size = &self.disturbance.effort;
-        if size.iter().all(|e| *e == 0.0) {
-            return fit.squares;
-        }
-        let alike = Problem { mobility: Some(mobility.to_vec()), ..self.clone() };
-        let mut random = Pcg64::seed_from_u64(SEED);
-        let drawn: Vec<Vec<f64>> = self.trajectories.iter().map(|t| white(t, size, &mut random)).collect();
+        let Some((alike, drawn)) = self.shaken(mobility) else { return fit.squares };
         let opposite: Vec<Vec<f64>> = drawn.iter().map(|d| d.iter().map(|x| -x).collect()).collect();
         let squares = |more: &[Vec<f64>]| alike.errors_beside(fit, more).map(|e| e.norm_squared());
         match (squares(&[]), squares(&drawn), squares(&opposite)) {
@@ -85,20 +79,27 @@ impl Problem<'_> {
         }
     }
 
+    /// The same problem, its errors weighed as those of a model of such mobility, and noise of its measured efforts; none where these are exact.
+    fn shaken(&self, mobility: &[f64]) -> Option<(Self, Vec<Vec<f64>>)> {
+        let size = &self.disturbance.effort;
+        if size.iter().all(|e| *e == 0.0) {
+            return None;
+        }
+        let mut random = Pcg64::seed_from_u64(SEED);
+        let drawn = self.trajectories.iter().map(|t| white(t, size, &mut random)).collect();
+        Some((Problem { mobility: Some(mobility.to_vec()), ..self.clone() }, drawn))
+    }
+
     /// Standard deviation of chance in the evidence between two fits: of two models that answer the noise of efforts otherwise, one that is later
     /// for instance, either may come nearer to errors `e` that have nothing to do with it,
     ///
     /// ```text
     /// 1/2 (2 <e, (R_a - R_b) n>) / s^2,   e_k ~ N(0, s^2)   =>   |(R_a - R_b) n| / s
     /// ```
+    ///
+    /// Zero where efforts are exact, and where a little more noise cannot be simulated, as in [`Self::judged`].
     pub fn chance(&self, fits: [&Fit; 2], mobility: &[f64], scale: f64) -> f64 {
-        let size = &self.disturbance.effort;
-        if size.iter().all(|e| *e == 0.0) {
-            return 0.0;
-        }
-        let alike = Problem { mobility: Some(mobility.to_vec()), ..self.clone() };
-        let mut random = Pcg64::seed_from_u64(SEED);
-        let drawn: Vec<Vec<f64>> = self.trajectories.iter().map(|t| white(t, size, &mut random)).collect();
+        let Some((alike, drawn)) = self.shaken(mobility) else { return 0.0 };
         let none: Vec<Vec<f64>> = Vec::new();
         let answer = |fit: &Fit| Ok::<_, GapError>(alike.errors_beside(fit, &drawn)? - alike.errors_beside(fit, &none)?);
         let [a, b] = fits.map(answer);
