@@ -55,6 +55,7 @@ impl Choice {
         let itself = candidates.iter().find(same).unwrap_or(&self.best).clone();
         // All as they were fitted together: one that was fitted on since says a little more than others would, too. Errors that go on from row to
         // row say less of the difference than as many that are independent. What more numbers cost is no error's to say: only posteriors get wider.
+        // Where errors say nothing, what sizes as many numbers were expected to have says little: those are estimates.
         let own = if with - itself.evidence < CONVINCING { itself.evidence } else { with };
         let numbers = |c: &Candidate| c.fit.hypothesis.x.len();
         let less = |c: &Candidate| {
@@ -63,6 +64,9 @@ impl Choice {
             let by_errors = 0.5 * (c.fit.judged - itself.fit.judged) / (scale * scale);
             let wider = 0.5 * (numbers(c) as f64 - numbers(&itself) as f64) * persistence.ln();
             let apart = if less.abs() < ALIKE { less } else { less / persistence };
+            if numbers(c) == numbers(&itself) && by_errors.abs() < ALIKE && less.abs() < CONVINCING {
+                return by_errors;
+            }
             if numbers(c) > numbers(&itself) { apart.max(by_errors / persistence + (less - by_errors) - wider) } else { apart }
         };
         let beside: Vec<(&Candidate, f64)> = candidates.iter().filter(|c| !same(c)).map(|c| (c, less(c))).collect();
@@ -102,17 +106,19 @@ impl Search<'_> {
         let what = &model.document.effects[entry];
         let mut parameters = BTreeMap::new();
         for (i, fitted) in hypothesis.fitted.iter().enumerate() {
-            let Knob::Effect(e, name) = &fitted.knob else { continue };
-            if *e != entry {
-                continue;
-            }
+            let Some((name, of)) = fitted.knob.parameter().filter(|_| fitted.knob.entry() == Some(entry)) else { continue };
             // No mechanism is quite what a model says that it is, so that no size is known better than what any model is off by.
             let model_error = if fitted.logarithmic { FLOOR } else { 0.0 };
-            let deviation = variances.map_or(f64::INFINITY, |v| v[i].max(0.0).sqrt()).hypot(model_error) * NORMAL_95;
+            let known = |i: usize| variances.map_or(f64::INFINITY, |v| v[i].max(0.0).sqrt());
+            // Of a multiple the other's size is told, too: that what is known of both goes against one another is left out.
+            let other = of.and_then(|of| hypothesis.fitted.iter().position(|f| f.knob == Knob::Effect(entry, of)));
+            let once = of.and_then(|of| what.parameters.get(of)).copied().unwrap_or(1.0);
+            let deviation = known(i).hypot(other.map_or(0.0, known)).hypot(model_error) * NORMAL_95;
             let (x, [low, high]) = (hypothesis.x[i], fitted.bounds);
-            let end = |x: f64| fitted.value(x.clamp(low, high));
-            let value = Value { value: fitted.value(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
-            parameters.insert((*name).to_owned(), value);
+            let at = |x: f64| once * fitted.value(x);
+            let end = |x: f64| at(x.clamp(low, high));
+            let value = Value { value: at(x), lower: end(x - deviation), upper: end(x + deviation), unit: fitted.unit.into() };
+            parameters.insert(name.to_owned(), value);
         }
         let turning = hypothesis.fitted.iter().enumerate().filter(|(_, f)| matches!(f.knob, Knob::Turn(e, _) if e == entry));
         let turning: Vec<(usize, &Fitted)> = turning.collect();

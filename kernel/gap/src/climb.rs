@@ -175,7 +175,7 @@ impl<'a> Climb<'a> {
             self.base = self.search.refit(&self.base, next)?;
             self.current = if self.chosen.is_empty() { self.base.clone() } else { self.search.refit(&self.current, next)? };
             candidates = self.search.weigh_anew(&self.current, candidates, before, next);
-            next = candidates.iter().map(|c| self.search.scale(&c.fit)).fold(f64::INFINITY, f64::min);
+            next = candidates.iter().map(|c| self.search.scale_as_judged(&c.fit)).fold(f64::INFINITY, f64::min);
         }
         self.scale = next;
         let (search, scale, current) = (&self.search, self.scale, &self.current);

@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Vector3};
-use sagci_dynamics::effects::{self, Description, Prior};
+use sagci_dynamics::effects::{self, Description, Multiple, Prior};
 use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 
 use crate::GapError;
@@ -32,6 +32,8 @@ pub(crate) enum Knob {
     Actuator(usize, String),
     /// A parameter of an effect, by its entry in `model.yaml`.
     Effect(usize, &'static str),
+    /// How many times the second of an effect's parameters, which comes before it, the first is.
+    Times(usize, &'static str, &'static str),
     /// One component of the vector by which an effect turns an axis, rad. Its angle and direction say nothing of each other where there is no
     /// turn yet, and a fit of these never leaves there.
     Turn(usize, usize),
@@ -41,7 +43,16 @@ impl Knob {
     /// The effect that it belongs to, by its entry in `model.yaml`.
     pub fn entry(&self) -> Option<usize> {
         match self {
-            Self::Effect(entry, _) | Self::Turn(entry, _) => Some(*entry),
+            Self::Effect(entry, _) | Self::Times(entry, ..) | Self::Turn(entry, _) => Some(*entry),
+            _ => None,
+        }
+    }
+
+    /// The parameter of an effect that it moves, if it is one, and that of which it says the multiple.
+    pub fn parameter(&self) -> Option<(&'static str, Option<&'static str>)> {
+        match self {
+            Self::Effect(_, name) => Some((name, None)),
+            Self::Times(_, name, of) => Some((name, Some(of))),
             _ => None,
         }
     }
@@ -298,7 +309,7 @@ impl Hypothesis {
         this.x = kept.iter().map(|i| self.x[*i]).collect();
         this.fitted = kept.iter().map(|i| self.fitted[*i].clone()).collect();
         for fitted in &mut this.fitted {
-            if let Knob::Effect(e, _) | Knob::Turn(e, _) = &mut fitted.knob {
+            if let Knob::Effect(e, _) | Knob::Times(e, ..) | Knob::Turn(e, _) = &mut fitted.knob {
                 *e -= usize::from(*e > entry);
             }
         }
@@ -322,6 +333,11 @@ impl Hypothesis {
                 Knob::Friction(j) => model.joints[*j].friction = value,
                 Knob::Actuator(a, name) => set_number(&mut model.document.actuators[*a].law, name, value),
                 Knob::Effect(e, name) => drop(model.document.effects[*e].parameters.insert((*name).into(), value)),
+                Knob::Times(e, name, of) => {
+                    let parameters = &mut model.document.effects[*e].parameters;
+                    let once = parameters.get(*of).copied().unwrap_or(0.0);
+                    parameters.insert((*name).into(), value * once);
+                }
                 Knob::Turn(e, axis) => {
                     let parameters = &mut model.document.effects[*e].parameters;
                     let mut turn = turn_of(&TURN.map(|name| parameters.get(name).copied().unwrap_or(0.0)));
@@ -377,6 +393,10 @@ fn of_effect(description: &'static Description, entry: usize, prismatic: bool, v
     let rest = numbers.filter(|(parameter, _)| turn.is_none() || !TURN.contains(&parameter.name)).filter_map(|(parameter, value)| {
         let second = parameter.of_second.filter(|_| second);
         let (unit, prior) = second.map_or((parameter.unit, parameter.prior), |s| (s.unit, s.prior));
+        if let Some(multiple) = parameter.multiple {
+            let once = description.parameter(multiple.of).and_then(|of| values.get(of)).copied().unwrap_or(1.0);
+            return Some(times(entry, parameter.name, multiple, value / once, unit[side]));
+        }
         let (logarithmic, mean, deviation) = match prior[side] {
             Prior::LogNormal { .. } if *value == 0.0 && parameter.bounds[0] < 0.0 => return None,
             Prior::LogNormal { median, spread } => (true, median.ln(), spread),
@@ -395,6 +415,15 @@ fn of_effect(description: &'static Description, entry: usize, prismatic: bool, v
         Some((fitted, x))
     });
     turning.chain(rest).collect()
+}
+
+/// A parameter that is fitted as a multiple of another, at a value of that multiple. Its unit is the parameter's own.
+fn times(entry: usize, name: &'static str, Multiple { of, median, spread }: Multiple, value: f64, unit: &'static str) -> (Fitted, f64) {
+    let prior = [median.ln(), spread];
+    let bounds = [prior[0] - REACH * spread, prior[0] + REACH * spread];
+    let fitted = Fitted { knob: Knob::Times(entry, name, of), unit, logarithmic: true, bounds, prior, difference: 2e-3 };
+    let x = fitted.coordinate(value).clamp(bounds[0], bounds[1]);
+    (fitted, x)
 }
 
 pub(crate) fn number(law: &ActuatorLaw, name: &str) -> Option<f64> {

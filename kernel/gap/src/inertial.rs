@@ -134,7 +134,7 @@ impl Search<'_> {
                     let more = along.efforts(&plant(&moved)?, n)?;
                     more.iter().zip(&asked).map(|(m, a)| (m - a) / fitted.difference).collect()
                 }
-                Knob::Actuator(..) | Knob::Effect(..) | Knob::Turn(..) => {
+                Knob::Actuator(..) | Knob::Effect(..) | Knob::Times(..) | Knob::Turn(..) => {
                     return Ok(self.problem.jacobian(hypothesis, &hypothesis.x, &fit.errors, &[p])?.swap_remove(0));
                 }
             };

@@ -10,7 +10,7 @@ use sagci_dynamics::effects::{self, Acts, Effect};
 use crate::GapError;
 use crate::fit::{Fit, Problem};
 use crate::flexible;
-use crate::hypothesis::{Hypothesis, Knob};
+use crate::hypothesis::Hypothesis;
 use crate::response::Response;
 use crate::search::Search;
 use crate::span::{Change, Span};
@@ -272,17 +272,13 @@ impl Search<'_> {
         let first = base.hypothesis.x.len();
         let fitted = &t.hypothesis.fitted[first..];
         let parameters = t.effect.description().parameters;
-        let places: Vec<usize> = fitted
-            .iter()
-            .filter_map(|f| match &f.knob {
-                Knob::Effect(_, name) => parameters.iter().position(|p| p.name == *name),
-                _ => None,
-            })
-            .collect();
+        let place = |name: &str| parameters.iter().position(|p| p.name == name);
+        let places: Vec<(usize, Option<usize>)> =
+            fitted.iter().filter_map(|f| f.knob.parameter()).filter_map(|(name, of)| Some((place(name)?, of.and_then(place)))).collect();
         let errors = |x: &[f64]| {
             let mut theta = t.values.clone();
-            for ((place, f), x) in places.iter().zip(fitted).zip(x) {
-                theta[*place] = f.value(*x);
+            for ((&(place, of), f), x) in places.iter().zip(fitted).zip(x) {
+                theta[place] = f.value(*x) * of.map_or(1.0, |of| theta[of]);
             }
             span.errors.plus(&span.of(response.errors_of(&response.forces(t.effect, &theta))))
         };

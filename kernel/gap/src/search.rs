@@ -165,6 +165,11 @@ impl<'a> Search<'a> {
         mean(of_positions, positions).max(mean(fit.squares - of_positions, efforts)).max(1.0).sqrt()
     }
 
+    /// The same, no smaller than by the errors by which models are compared: a model in which a joint sticks says of its own that they weigh nothing.
+    pub fn scale_as_judged(&self, fit: &Fit) -> f64 {
+        self.scale(fit) * (fit.judged / fit.squares.max(f64::MIN_POSITIVE)).max(1.0).sqrt()
+    }
+
     /// Logarithm of a fit's evidence, with the errors by which models are compared.
     pub fn evidence(&self, fit: &Fit, scale: f64) -> f64 {
         fit.evidence(fit.judged, scale)

@@ -99,7 +99,8 @@ impl Settled<'_, '_> {
 
     /// Why the names are the nearest neighbours of what is there, no more, where they are. They leave data far off that nothing was fitted to,
     /// and most of the gap, or a good part of the force, while one without a name says nearly as much as all of them, and they little beside
-    /// it. So are names that no such data confirm, where a force without a name says more.
+    /// it; where nothing of the force is left, what is far off is chance, as where a joint sticks. So are names that no such data confirm, where a
+    /// force without a name says more.
     /// `shown` is the gap with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
     pub fn only_near(
         &self,
@@ -131,7 +132,7 @@ impl Settled<'_, '_> {
         let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
         let beside = said + left.1.evidence - all.evidence;
         let instead = all.evidence > NEARLY * said && beside < (1.0 - NEARLY) * said;
-        let instead = far && self.search.is_a_force(left) && good_part && instead;
+        let instead = share > 0.0 && far && self.search.is_a_force(left) && good_part && instead;
         let unconfirmed = !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms);
         let better = unconfirmed && all.evidence > said + 2.0 * CONVINCING;
         Ok((instead || better).then_some("a force without a name fits better"))

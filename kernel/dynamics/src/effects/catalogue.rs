@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use sagci_model::EffectEntry;
 
-use super::{Acts, Description, Effect, Parameter, Prior};
+use super::{Acts, Description, Effect, Multiple, Parameter, Prior};
 use crate::DynamicsError;
 use crate::error::hint;
 
@@ -171,12 +171,13 @@ fn acts(acts: Acts) -> &'static str {
 
 fn expected(parameter: &Parameter, prior: &Prior) -> String {
     let cited = if parameter.cited { " (cited)" } else { "" };
+    // Nine in ten lie between.
+    let reach = |spread: f64| (1.645 * spread).exp();
+    if let Some(Multiple { of, median, spread }) = parameter.multiple {
+        return format!("{:.2} to {:.2} times `{of}`{cited}", median / reach(spread), median * reach(spread));
+    }
     match prior {
-        Prior::LogNormal { median, spread } => {
-            // Nine in ten lie between.
-            let reach = (1.645 * spread).exp();
-            format!("{:.2e} to {:.2e}{cited}", median / reach, median * reach)
-        }
+        Prior::LogNormal { median, spread } => format!("{:.2e} to {:.2e}{cited}", median / reach(*spread), median * reach(*spread)),
         Prior::Normal { mean, deviation } => format!("{mean} +- {deviation}{cited}"),
         Prior::OneOf(values) if parameter.words.is_empty() => format!("one of {values:?}"),
         Prior::OneOf(_) => parameter.words.join(" or "),

@@ -13,7 +13,7 @@ static DESCRIPTION: Description = Description {
     parameters: &[
         Parameter::new("friction", unit::EFFORT, SIZE, [around(1.2, 0.9), around(4.5, 0.8)]),
         // 1.1 to 2 times the friction.
-        Parameter::new("static_friction", unit::EFFORT, SIZE, [around(1.8, 0.9), around(6.7, 0.8)]),
+        Parameter::new("static_friction", unit::EFFORT, SIZE, [around(1.8, 0.9), around(6.7, 0.8)]).times("friction", 1.5, 0.25),
         Parameter::new("stribeck_velocity", unit::VELOCITY, [1e-5, 1e3], [around(0.045, 0.9), around(0.01, 0.9)]),
         Parameter::new("exponent", unit::ONE, [0.5, 4.0], [near(2.0, 0.5), near(2.0, 0.5)]),
     ],
@@ -22,7 +22,6 @@ static DESCRIPTION: Description = Description {
     experiment: "slow ramps",
     source: "Armstrong-Helouvry, Dupont, Canudas de Wit 1994",
     wears: true,
-    ordered: Some(["friction", "static_friction"]),
     ..Description::BLANK
 };
 

@@ -78,6 +78,9 @@ fn every_effect_describes_itself_fully() {
         assert!(!d.confused_with.is_empty() && !d.confused_with.contains(&d.name), "{}", d.name);
         for p in d.parameters {
             assert!(p.bounds[0] <= p.bounds[1] && p.bounds.iter().all(|b| b.is_finite()) && p.unit.iter().all(|u| !u.is_empty()));
+            // A multiple is taken of what was read before.
+            let before = d.parameters.iter().take_while(|other| other.name != p.name);
+            assert!(p.multiple.is_none_or(|m| before.clone().any(|other| other.name == m.of)), "{}: {}", d.name, p.name);
             for prior in p.prior {
                 let typical = match prior {
                     Prior::LogNormal { median, .. } => median,

@@ -28,8 +28,6 @@ pub struct Description {
     pub wears: bool,
     /// It can only take energy, or give back what it has taken.
     pub passive: bool,
-    /// Two parameters of which the second is no less than the first: with much less the force has a shape of its own, and not this name.
-    pub ordered: Option<[&'static str; 2]>,
 }
 
 /// What an effect acts on.
@@ -50,11 +48,11 @@ pub enum Acts {
     Base,
 }
 
-/// Share of a value down to which another may be the same but for what a fit is off by.
+/// Multiple down to which a value may be the same as another but for what a fit is off by.
 const ALIKE: f64 = 0.8;
 /// The most by which friction that breaks away exceeds that which slides: twice in machines (Armstrong-Helouvry, Dupont and Canudas de Wit
-/// 1994), with room for a sliding friction that the data hardly reach.
-const MOST: f64 = 5.0;
+/// 1994), with room for what a fit is off by.
+const MOST: f64 = 3.0;
 
 impl Description {
     /// What most effects have in common.
@@ -70,23 +68,26 @@ impl Description {
         linear: false,
         wears: false,
         passive: true,
-        ordered: None,
     };
 
     /// Have values in the order of its parameters the shape that the name stands for, as far as values are known that may be the same?
     pub fn is_shaped(&self, values: &[f64]) -> bool {
-        self.ordered_values(values).is_none_or(|[less, more]| ALIKE * less <= more)
+        self.multiples(values).all(|times| times >= ALIKE)
     }
 
-    /// Is the second of two values that are ordered so much larger than the first that the name comes near, no more?
+    /// Is a value so many times another that is to be known by that the name comes near, no more?
     pub fn is_bent(&self, values: &[f64]) -> bool {
-        self.ordered_values(values).is_some_and(|[less, more]| more > MOST * less)
+        self.multiples(values).any(|times| times > MOST)
     }
 
-    fn ordered_values(&self, values: &[f64]) -> Option<[f64; 2]> {
-        let [less, more] =
-            self.ordered?.map(|name| self.parameters.iter().position(|p| p.name == name).and_then(|i| values.get(i)).copied());
-        Some([less?, more?])
+    /// What values are as multiples, where [`Multiple`] says that they are known so.
+    fn multiples<'v>(&self, values: &'v [f64]) -> impl Iterator<Item = f64> + 'v {
+        let all = self.parameters;
+        let times = move |(parameter, value): (&Parameter, &f64)| {
+            let of = all.iter().position(|p| Some(p.name) == parameter.multiple.map(|m| m.of))?;
+            Some(value / values.get(of)?)
+        };
+        all.iter().zip(values).filter_map(times)
     }
 
     /// It takes the input and gives the link another force for it: a motor apart from its link.
@@ -118,6 +119,9 @@ pub struct Parameter {
     pub prior: [Prior; 2],
     /// Unit and prior where the effect's choice is its second word, if that changes them.
     pub of_second: Option<OfSecond>,
+    /// Where it is known better as a multiple of another parameter than by its own size: no less than once that. With less the force has a shape
+    /// of its own, and not this name.
+    pub multiple: Option<Multiple>,
     /// The prior's size is a published figure, and not an engineer's estimate.
     pub cited: bool,
     /// Words for the values of [`Prior::OneOf`], under which `model.yaml` gives them as `choices`; the first is the default.
@@ -128,7 +132,7 @@ pub struct Parameter {
 impl Parameter {
     /// An estimate.
     pub(in crate::effects) const fn new(name: &'static str, unit: [&'static str; 2], bounds: [f64; 2], prior: [Prior; 2]) -> Self {
-        Self { name, unit, bounds, prior, of_second: None, cited: false, words: &[] }
+        Self { name, unit, bounds, prior, of_second: None, multiple: None, cited: false, words: &[] }
     }
 
     /// A choice among words.
@@ -141,10 +145,26 @@ impl Parameter {
         Self { of_second: Some(OfSecond { unit, prior }), ..self }
     }
 
+    /// The same, known as a multiple of a parameter that comes before it.
+    pub(in crate::effects) const fn times(self, of: &'static str, median: f64, spread: f64) -> Self {
+        Self { multiple: Some(Multiple { of, median, spread }), ..self }
+    }
+
     /// The same with a published size.
     pub(in crate::effects) const fn cited(self) -> Self {
         Self { cited: true, ..self }
     }
+}
+
+/// What multiple of another a parameter is expected to be: its logarithm is normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Multiple {
+    /// The other, which comes before it.
+    pub of: &'static str,
+    /// Median.
+    pub median: f64,
+    /// Standard deviation of the logarithm.
+    pub spread: f64,
 }
 
 /// What a parameter is where the effect's choice is its second word: see [`Parameter`].

@@ -7,7 +7,7 @@ mod number;
 mod partial;
 
 pub(super) use description::{ABOVE_ZERO, ANY, PLACE, SIZE, around, near, unit};
-pub use description::{Acts, Description, OfSecond, Parameter, Prior};
+pub use description::{Acts, Description, Multiple, OfSecond, Parameter, Prior};
 pub use doors::{Advance, Force, HISTORY, Instant, Reading, Reshape, Resistance, Row, Sample, Stop, Sway, Transfer, Variables};
 pub(super) use number::sign;
 pub use number::{Number, Slope, Variable};
