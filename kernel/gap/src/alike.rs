@@ -3,8 +3,10 @@
 //! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it.
 //! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
 //!   constant, where gravity already acts.
-//! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine.
-//! * A sensor's drift without a rate is an encoder's offset, or, of the effort that drives the joint, a bias of it.
+//! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine; on one that slides gravity is a
+//!   constant, and an error of its axis a bias.
+//! * A sensor's drift without a rate is an encoder's offset, or, of the effort that drives the joint, a bias of it: it is called by that name
+//!   where that is among the candidates, since what does not drift is no drift.
 //! * Where a joint went one way only, a force by place and a friction by place are one thing.
 //! * On one joint that gravity does not move, a mass on the axis' far side and a rotor's inertia are one number, and an input that is too
 //!   weak by a share is a little more of all of it, unless the effort that the drive gave was read, too.
@@ -14,9 +16,10 @@ use sagci_model::EffectEntry;
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::hypothesis::Knob;
-use crate::search::Search;
+use crate::search::{Candidate, Search, entries};
 use crate::starts::Seen;
 use crate::trajectory::Trajectory;
+use crate::weigh::CONVINCING;
 
 /// Range over which a sine is a line, rad.
 const SHORT: f64 = std::f64::consts::FRAC_PI_3;
@@ -50,12 +53,13 @@ pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
         "hinge_tilt" if short && at.alone => &["joint_spring", "joint_axis_error"],
         "hinge_tilt" if short => &["joint_spring"],
         "hinge_tilt" if at.alone => &["joint_axis_error"],
-        "encoder_offset" if at.alone && at.seen.weighed && at.constant => &["hinge_tilt", "joint_axis_error"],
+        "encoder_offset" if at.turns && at.alone && at.seen.weighed && at.constant => &["hinge_tilt", "joint_axis_error"],
         "sensor_drift" if at.constant && at.of_effort && !at.seen.commanded => &["torque_bias"],
-        "sensor_drift" if at.constant && !at.of_effort && at.alone && at.seen.weighed => {
+        "sensor_drift" if at.turns && at.constant && !at.of_effort && at.alone && at.seen.weighed => {
             &["encoder_offset", "hinge_tilt", "joint_axis_error"]
         }
         "sensor_drift" if at.constant && !at.of_effort => &["encoder_offset"],
+        "joint_axis_error" if at.alone && !at.turns => &["torque_bias"],
         "joint_axis_error" if at.alone => &["hinge_tilt", "encoder_offset"],
         "torque_bias" if short && at.seen.weighed => &["hinge_tilt"],
         "payload" if at.alone && !at.seen.weighed && at.seen.read => &["armature_inertia"],
@@ -68,6 +72,34 @@ pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
     }
 }
 
+/// Are the scale error and the rate of an effect of a fit, by its entry, nothing?
+fn is_constant(fit: &Fit, entry: usize) -> bool {
+    !fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
+        let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
+        matches!(f.knob, Knob::Effect(e, "scale_error" | "rate") if e == entry) && x.abs() > 3.0 * deviation
+    })
+}
+
+/// Is a candidate a sensor's drift that does not drift?
+pub(crate) fn is_steady_drift(candidate: &Candidate) -> bool {
+    let entry = || entries(&candidate.fit.hypothesis).pop();
+    candidate.effect == "sensor_drift" && entry().is_some_and(|e| is_constant(&candidate.fit, e))
+}
+
+/// Is a candidate called by what a steady drift is another name of?
+pub(crate) fn is_plain_shift(candidate: &Candidate) -> bool {
+    matches!(candidate.effect, "encoder_offset" | "torque_bias")
+}
+
+/// Puts the plain name of a shift before a drift that comes first and does not drift, where it says nearly as much.
+pub(crate) fn call_by_plain_name(candidates: &mut [Candidate]) {
+    let Some(first) = candidates.first().filter(|c| is_steady_drift(c)) else { return };
+    let is_it = |c: &Candidate| is_plain_shift(c) && c.joint == first.joint && c.evidence > first.evidence - CONVINCING;
+    if let Some(plain) = candidates.iter().position(is_it) {
+        candidates[..=plain].rotate_right(1);
+    }
+}
+
 impl Search<'_> {
     /// Names that these data cannot tell from a chosen one's.
     pub fn alike(&self, choice: &Choice, fit: &Fit) -> &'static [&'static str] {
@@ -77,17 +109,13 @@ impl Search<'_> {
         let [low, high] = Trajectory::range(self.problem.trajectories, j);
         let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_ref() == Some(&joint.name);
         let entry = model.document.effects.iter().position(is_it);
-        let told = fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {
-            let deviation = fit.jacobian.get(i).map_or(f64::INFINITY, |c| 1.0 / c.norm().max(1e-12));
-            matches!(f.knob, Knob::Effect(e, "scale_error" | "rate") if Some(e) == entry) && x.abs() > 3.0 * deviation
-        });
         let of_effort = entry.is_some_and(|e| model.document.effects[e].choices.get("of").is_some_and(|of| of == "effort"));
         let at = Circumstances {
             alone: self.names.len() == 1,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
             seen: self.seen[j],
-            constant: !told,
+            constant: entry.is_none_or(|e| is_constant(fit, e)),
             of_effort,
         };
         alike(choice.best.effect, at)

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use sagci_dynamics::effects::{self, Acts};
 use sagci_model::JointKind;
 
+use crate::alike::{is_plain_shift, is_steady_drift};
 use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob, TURN};
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
@@ -74,10 +75,11 @@ impl Choice {
         // Of one channel, a name with an idle number is the plainer one again; of another it is another cause.
         let says_more =
             |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
+        let is_itself = |c: &Candidate| is_plain_shift(&itself) && is_steady_drift(c);
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
         // What says more by no more numbers, and has not taken the place, is not out.
         let no_less = |c: &Candidate, less: f64| less.abs() < ALIKE || less < 0.0 && numbers(c) <= numbers(&itself);
-        let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && says_more(c);
+        let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && !is_itself(c) && says_more(c);
         let rivals = beside.iter().filter(rival).map(|(c, _)| (*c).clone());
         self.alike = std::iter::once(itself.clone()).chain(rivals).collect();
     }
@@ -149,7 +151,7 @@ impl Search<'_> {
         let probability = 1.0 / (1.0 + weights.iter().sum::<f64>());
         let reason = |less: f64| match less >= ALIKE {
             true => format!("fits less well: evidence e^-{less:.1} of the named effect's"),
-            false => "has more numbers, and differs by less than any model is off by".to_owned(),
+            false => "says the same in more numbers, or with one that is nothing".to_owned(),
         };
         let lost = choice.others.iter().filter(|o| !alternatives.iter().any(|a| a == o.0));
         let runners_up: Vec<Reason> = lost.take(5).map(|o| Reason { name: o.0.into(), reason: reason(o.2) }).collect();

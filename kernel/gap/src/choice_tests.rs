@@ -4,7 +4,7 @@ use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-use crate::alike::{Circumstances, alike as alike_by_equations};
+use crate::alike::{Circumstances, alike as alike_by_equations, call_by_plain_name};
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::hypothesis::Hypothesis;
@@ -123,6 +123,33 @@ fn a_drift_without_a_rate_is_an_offset() {
     // The effort that is read beside a command drives nothing.
     let commanded = Circumstances { of_effort: true, seen: Seen { commanded: true, read: true, ..seen }, ..drift };
     assert_eq!(alike_by_equations("sensor_drift", commanded), [""; 0]);
+}
+
+#[test]
+fn what_does_not_drift_is_called_an_offset() {
+    let trajectories = [Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap()];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let errors = signs(trajectories[0].position.len(), 1);
+    let first = |rate: f64, less: f64| {
+        let mut all = vec![
+            candidate(&search, "sensor_drift", &[0.05, rate, 0.0], &errors, 0.0, &[1.0, 1e4]),
+            candidate(&search, "encoder_offset", &[0.05, 0.0], &errors, -less, &[1.0; 2]),
+        ];
+        call_by_plain_name(&mut all);
+        all[0].effect
+    };
+    assert_eq!(first(0.0, 2.0), "encoder_offset");
+    assert_eq!(first(0.01, 2.0), "sensor_drift", "it drifts");
+    assert_eq!(first(0.0, 200.0), "sensor_drift", "no offset says as much");
+    // Nor is it a name beside the offset.
+    let beside = alike(|search, rows| {
+        let errors = signs(rows, 1);
+        vec![
+            candidate(search, "encoder_offset", &[0.05, 0.0], &errors, 0.0, &[1.0; 2]),
+            candidate(search, "sensor_drift", &[0.05, 0.0, 0.0], &errors, -1.0, &[1.0; 2]),
+        ]
+    });
+    assert_eq!(beside, Vec::<&str>::new());
 }
 
 /// The likeliest say nearly the same in many numbers, and the plain one that is part of the truth comes behind them.

@@ -4,6 +4,7 @@
 use sagci_model::ObjectModel;
 
 use crate::GapError;
+use crate::alike::call_by_plain_name;
 use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::gaps::Measure;
@@ -182,6 +183,7 @@ impl<'a> Climb<'a> {
         search.rank(&mut candidates, scale);
         let here = search.evidence(current, scale);
         let likeliest = candidates.clone();
+        call_by_plain_name(&mut candidates);
         search.prefer_simpler(model, &mut candidates, here, window)?;
         search.prefer_two(model, current, &mut candidates, scale, window)?;
         let Some(best) = candidates.first() else { return Ok(false) };
@@ -194,7 +196,9 @@ impl<'a> Climb<'a> {
         // Beside a name, where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs
         // together, and what bends to that is refused for it. Without any, what hangs together so may be none of the catalogue.
         let mut turn = vec![0];
-        let others = if self.chosen.is_empty() { 0 } else { TRIED };
+        // A plainer name that came before the likeliest and does not convince is no reason not to ask that one.
+        let stands_back = gain <= CONVINCING && likeliest.first().is_some_and(|l| l.evidence - here > CONVINCING);
+        let others = if self.chosen.is_empty() { usize::from(stands_back) } else { TRIED };
         turn.extend(likeliest.iter().take(others).filter_map(|l| {
             candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
         }));

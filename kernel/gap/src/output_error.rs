@@ -44,6 +44,10 @@ const UNUSUAL: f64 = 3.0;
 const WORTH: f64 = 2.0;
 /// How many times larger than before the gap may be, where most windows are nearer.
 const AS_WELL: f64 = 1.05;
+/// How many times farther half of the windows may be for those that are farthest: a few that diverge whatever the numbers, as beside an unstable
+/// rest, are no reason to give up numbers by which most are predicted.
+const GIVEN_UP: f64 = 2.0;
+const HALF: f64 = 0.5;
 
 impl Search<'_> {
     /// A fit whose names are settled, with numbers that predict windows best; none where those that it has do as well.
@@ -54,7 +58,8 @@ impl Search<'_> {
         let squares = |rms: &[f64]| rms.iter().map(|r| r * r).sum::<f64>();
         let total = |rms: &[f64], x: &[f64]| cost(rms, spread) + hypothesis.prior(x);
         let fall = total(&before, &fit.hypothesis.x) - total(&rms, &hypothesis.x);
-        if fall < WORTH || squares(&rms) > AS_WELL * AS_WELL * squares(&before) {
+        let given_up = usual(&rms, HALF) > GIVEN_UP * usual(&before, HALF);
+        if fall < WORTH || squares(&rms) > AS_WELL * AS_WELL * squares(&before) || given_up {
             return Ok(None);
         }
         let started = measure.started(&hypothesis)?;
@@ -178,9 +183,14 @@ fn least_cost(rms: &[f64]) -> f64 {
 
 /// That of all but the worst windows: a fit that minded only the nearest would leave those that are far where they are.
 fn spread(rms: &[f64]) -> f64 {
+    usual(rms, USUAL)
+}
+
+/// As far as a share of the windows are at the most.
+fn usual(rms: &[f64], share: f64) -> f64 {
     let mut sorted = rms.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.get((USUAL * sorted.len() as f64) as usize).copied().unwrap_or(1.0).max(SPREADS[0])
+    sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(1.0).max(SPREADS[0])
 }
 
 /// Normal equations at some numbers.

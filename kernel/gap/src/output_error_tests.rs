@@ -47,6 +47,20 @@ fn a_model_that_lacks_something_predicts_a_second_no_better_by_numbers_fitted_to
     assert!(over.variances.unwrap().iter().all(|v| *v > 0.0));
 }
 
+/// A door rubs three times as hard in two recordings of five. By the numbers of the three most windows are predicted as well as noise lets any; by
+/// others none is, and the farthest are nearer.
+#[test]
+fn windows_that_no_numbers_predict_are_no_reason_to_give_up_those_that_predict_most() {
+    let rubbing = |friction: f64| with(&door(), "coulomb_friction", &[("friction", friction)]);
+    let recorded = |seed: u64| Trajectory::new(&led(&rubbing(if seed < 4 { 0.2 } else { 0.6 }), 2e-4, seed, 1.0), &door()).unwrap();
+    let train: Vec<Trajectory> = (1..6).map(recorded).collect();
+    let search = Search::new(&door(), &train).unwrap();
+    let known = Hypothesis::known(&door(), &search.joints).with("coulomb_friction", Some("hinge"), &[0.2]).unwrap();
+    let by_rows = Fit::start(&search.problem, known).unwrap();
+    let own = Measure::new(&search, &door(), &train, &[], 1.0);
+    assert!(search.over_windows(&by_rows, &own).unwrap().is_none());
+}
+
 /// Errors of a model that lacks something bend to many names, and each row seems to say so.
 #[test]
 fn a_name_that_makes_no_second_better_stays_beside_those_that_do() {

@@ -80,6 +80,8 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             all
         }
         "joint_spring" => each(&|q0| vec![f / r, q0], &[middle, low - 0.5 * r, high + 0.5 * r]),
+        // What slides has no hinge: there gravity is a constant.
+        "hinge_tilt" if !view.turns => Vec::new(),
         "hinge_tilt" => vec![vec![f, 0.0], vec![f, FRAC_PI_2]],
         "cable_hysteresis" => each(&|l| vec![0.5 * f / r, middle, f, l * r, 0.1 * f / v], &[0.02, 0.1]),
         "torque_bias" => vec![vec![0.3 * f]],
