@@ -275,3 +275,23 @@ fn a_lost_neighbour_is_found_where_the_winner_ended() {
     assert_eq!(names, ["presliding_hysteresis", "cable_hysteresis"]);
     assert!(all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
 }
+
+/// Of a magnet's two shapes the wrong one was ahead after the first steps, and a detent was named for what it left.
+#[test]
+fn the_other_shape_of_a_name_is_asked_where_the_first_has_ended() {
+    let model = door();
+    let hypothesis = Hypothesis::known(&model, &[0]);
+    let pulls = hypothesis.with("magnetic_gasket", Some("hinge"), &[0.3, 0.1, 1.0]).unwrap();
+    let data = [1, 2].map(|seed| Trajectory::new(&swing(&pulls.model_at(&pulls.x), 1e-4, seed), &model).unwrap());
+    let search = Search::new(&model, &data).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let views = search.views(&base, 1.0).unwrap();
+    let exponential = base.hypothesis.with("magnetic_gasket", Some("hinge"), &[0.3, 0.06, 0.0]).unwrap();
+    let fit = search.fit_on(Fit::start(&search.problem, exponential).unwrap(), 1.0).unwrap();
+    let evidence = search.evidence(&fit, 1.0);
+    let mut all = vec![Candidate { effect: "magnetic_gasket", joint: Some(0), fit, evidence }];
+    search.ask_neighbours(&base, &views, &mut all, 1.0);
+    assert!(all.len() == 1 && all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
+    let found = all[0].fit.hypothesis.model_at(&all[0].fit.hypothesis.x).document.effects.pop().unwrap();
+    assert_eq!(found.choices["shape"], "inverse_square");
+}

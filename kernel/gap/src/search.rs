@@ -233,7 +233,11 @@ impl<'a> Search<'a> {
     /// been lost, which is no reason to lose them.
     pub fn ask_neighbours(&self, base: &Fit, views: &[JointView], all: &mut Vec<Candidate>, scale: f64) {
         let Some(best) = all.first().cloned() else { return };
-        let is_near = |name: &str| all.iter().any(|c| c.effect == name && c.joint == best.joint && c.evidence > best.evidence - NEAR);
+        // Of a name's shapes but one has been kept.
+        let is_near = |name: &str| {
+            let near = |c: &Candidate| c.effect == name && c.joint == best.joint && c.evidence > best.evidence - NEAR;
+            name != best.effect && all.iter().any(near)
+        };
         let begins = self.neighbours_of(base, views, &best);
         let begins: Vec<_> = begins.into_iter().filter(|(name, _)| !is_near(name)).collect();
         let ended = |(effect, hypothesis): (&'static str, Hypothesis)| {

@@ -204,7 +204,7 @@ fn across(axis: [f64; 3]) -> [nalgebra::Vector3<f64>; 2] {
 
 /// Where fits of neighbours begin, by their own equations, once an effect is fitted: both loops of friction have a width, a friction that falls with
 /// speed has the level that one friction has, and what pulls a joint round as its own weight does a size, which a neighbour's own starts may
-/// miss.
+/// miss. So has the other shape of a name.
 pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<(&'static str, Vec<f64>)> {
     let JointView { speed, range: [low, high], .. } = *view;
     match (effect, values) {
@@ -222,6 +222,12 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
                 ("cable_hysteresis", vec![small, 0.5 * (low + high), friction, friction / stiffness, damping]),
                 ("stribeck_friction", vec![friction, static_friction, velocity, 2.0]),
             ]
+        }
+        // Both shapes have half of their force in the same place: 1 / (1 + q / w')^2 and exp(-q / w).
+        ("magnetic_gasket", &[force, width, shape]) => {
+            let wider = std::f64::consts::LN_2 / (std::f64::consts::SQRT_2 - 1.0);
+            let other = if shape > 0.5 { [width / wider, 0.0] } else { [width * wider, 1.0] };
+            vec![("magnetic_gasket", vec![force, other[0], other[1]])]
         }
         // A late input and a late stamp are one lateness.
         ("transport_delay", &[delay]) => vec![("clock_skew", vec![delay])],
