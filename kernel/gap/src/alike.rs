@@ -80,21 +80,18 @@ fn is_constant(fit: &Fit, entry: usize) -> bool {
     })
 }
 
-/// Is a candidate a sensor's drift that does not drift?
-pub(crate) fn is_steady_drift(candidate: &Candidate) -> bool {
-    let entry = || entries(&candidate.fit.hypothesis).pop();
-    candidate.effect == "sensor_drift" && entry().is_some_and(|e| is_constant(&candidate.fit, e))
-}
-
-/// Is a candidate called by what a steady drift is another name of?
-pub(crate) fn is_plain_shift(candidate: &Candidate) -> bool {
-    matches!(candidate.effect, "encoder_offset" | "torque_bias")
+/// The plain name of a candidate that is a sensor's drift and does not drift.
+pub(crate) fn plain_name(candidate: &Candidate) -> Option<&'static str> {
+    let hypothesis = &candidate.fit.hypothesis;
+    let entry = entries(hypothesis).pop().filter(|e| candidate.effect == "sensor_drift" && is_constant(&candidate.fit, *e))?;
+    let of_effort = hypothesis.model.document.effects.get(entry)?.choices.get("of").is_some_and(|of| of == "effort");
+    Some(if of_effort { "torque_bias" } else { "encoder_offset" })
 }
 
 /// Puts the plain name of a shift before a drift that comes first and does not drift, where it says nearly as much.
 pub(crate) fn call_by_plain_name(candidates: &mut [Candidate]) {
-    let Some(first) = candidates.first().filter(|c| is_steady_drift(c)) else { return };
-    let is_it = |c: &Candidate| is_plain_shift(c) && c.joint == first.joint && c.evidence > first.evidence - CONVINCING;
+    let Some((first, name)) = candidates.first().and_then(|c| Some((c, plain_name(c)?))) else { return };
+    let is_it = |c: &Candidate| c.effect == name && c.joint == first.joint && c.evidence > first.evidence - CONVINCING;
     if let Some(plain) = candidates.iter().position(is_it) {
         candidates[..=plain].rotate_right(1);
     }

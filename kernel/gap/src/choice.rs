@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sagci_dynamics::effects::{self, Acts};
 use sagci_model::JointKind;
 
-use crate::alike::{is_plain_shift, is_steady_drift};
+use crate::alike::plain_name;
 use crate::fit::Fit;
 use crate::hypothesis::{Fitted, Knob, TURN};
 use crate::report::{EffectEvidence, NamedEffect, Reason, Value};
@@ -75,7 +75,7 @@ impl Choice {
         // Of one channel, a name with an idle number is the plainer one again; of another it is another cause.
         let says_more =
             |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
-        let is_itself = |c: &Candidate| is_plain_shift(&itself) && is_steady_drift(c);
+        let is_itself = |c: &Candidate| plain_name(c) == Some(itself.effect);
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
         // What says more by no more numbers, and has not taken the place, is not out.
         let no_less = |c: &Candidate, less: f64| less.abs() < ALIKE || less < 0.0 && numbers(c) <= numbers(&itself);

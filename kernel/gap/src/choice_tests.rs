@@ -130,15 +130,17 @@ fn what_does_not_drift_is_called_an_offset() {
     let trajectories = [Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap()];
     let search = Search::new(&door(), &trajectories).unwrap();
     let errors = signs(trajectories[0].position.len(), 1);
-    let first = |rate: f64, less: f64| {
+    let first_of = |of: f64, rate: f64, less: f64| {
         let mut all = vec![
-            candidate(&search, "sensor_drift", &[0.05, rate, 0.0], &errors, 0.0, &[1.0, 1e4]),
+            candidate(&search, "sensor_drift", &[0.05, rate, of], &errors, 0.0, &[1.0, 1e4]),
             candidate(&search, "encoder_offset", &[0.05, 0.0], &errors, -less, &[1.0; 2]),
         ];
         call_by_plain_name(&mut all);
         all[0].effect
     };
+    let first = |rate: f64, less: f64| first_of(0.0, rate, less);
     assert_eq!(first(0.0, 2.0), "encoder_offset");
+    assert_eq!(first_of(1.0, 0.0, 2.0), "sensor_drift", "an effort that is read too high is no encoder's offset");
     assert_eq!(first(0.01, 2.0), "sensor_drift", "it drifts");
     assert_eq!(first(0.0, 200.0), "sensor_drift", "no offset says as much");
     // Nor is it a name beside the offset.
