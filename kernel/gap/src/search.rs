@@ -18,6 +18,7 @@ use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbours, observable};
 use crate::stops::{self, Stops};
 use crate::trajectory::{Drive, Trajectory, joint_names};
+use crate::weigh::CONVINCING;
 
 /// An effect at a place, fitted.
 #[derive(Debug, Clone)]
@@ -244,7 +245,9 @@ impl<'a> Search<'a> {
             let begun = Fit::start(&self.problem, hypothesis).ok()?;
             let fit = self.refit_beside(base, &begun, scale, best.evidence).ok()?;
             let evidence = self.evidence(&fit, scale);
-            let holds = evidence.is_finite() && self.is_shaped(&fit);
+            // Another shape of the same name has to say more by more than chance: how large noises are is not known yet.
+            let asked = if effect == best.effect { best.evidence + CONVINCING } else { f64::NEG_INFINITY };
+            let holds = evidence.is_finite() && evidence > asked && self.is_shaped(&fit);
             holds.then_some(Candidate { effect, joint: best.joint, fit, evidence })
         };
         let more: Vec<Candidate> = begins.into_par_iter().filter_map(ended).collect();
