@@ -13,7 +13,7 @@ use crate::search::{Candidate, FLOOR, Search};
 use crate::weigh::CONVINCING;
 
 /// Names whose evidence is within this of the best one's cannot be told from it.
-const ALIKE: f64 = 3.0;
+pub(crate) const ALIKE: f64 = 3.0;
 /// Quantile of the normal distribution for intervals of 95 %.
 const NORMAL_95: f64 = 1.959_964;
 

@@ -181,6 +181,7 @@ impl<'a> Climb<'a> {
         self.scale = next;
         let (search, scale, current) = (&self.search, self.scale, &self.current);
         search.rank(&mut candidates, scale);
+        search.settle_near(&mut candidates, scale);
         let here = search.evidence(current, scale);
         let likeliest = candidates.clone();
         call_by_plain_name(&mut candidates);

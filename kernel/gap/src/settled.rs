@@ -1,7 +1,7 @@
 //! Names that are settled, and what takes them back: data that no fit has seen, and windows that they do not help to predict.
 
 use crate::GapError;
-use crate::choice::Choice;
+use crate::choice::{ALIKE, Choice};
 use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
@@ -119,7 +119,9 @@ impl Settled<'_, '_> {
         if self.is_imitated(said)? {
             return Ok(Some("a force by place or speed alone, without a name, fits as well"));
         }
-        let far = shown.is_far() && left.1.evidence > 2.0 * CONVINCING;
+        // What hangs together as the errors do is told from nothing by as much less.
+        let told = left.1.evidence > ALIKE * self.search.problem.persistence(&self.current.errors, &left.1.change);
+        let far = shown.is_far() && told && left.1.evidence > 2.0 * CONVINCING;
         if far && shown.left() > MOST_OF_IT {
             return Ok(Some("most of the gap is left"));
         }

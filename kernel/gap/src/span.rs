@@ -97,6 +97,11 @@ impl Span {
         Change { along: &self.basis * &whole, whole }
     }
 
+    /// What is left of a change, row by row.
+    pub fn rest(&self, whole: &DVector<f64>) -> DVector<f64> {
+        whole - self.basis.tr_mul(&(&self.basis * whole))
+    }
+
     /// Inner products of what is left of several changes, one a column, with one another and with what is left of the errors.
     pub fn products(&self, changes: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
         let mut along = DMatrix::zeros(self.basis.nrows(), changes.ncols());

@@ -120,6 +120,18 @@ impl<'a> Search<'a> {
         rivals.into_par_iter().for_each(|c| c.fit = self.settle(&c.fit, scale));
     }
 
+    /// Fits to the end, by derivatives of their own, those that have come near the best one: where they were left there is no ground to say that
+    /// they are behind it.
+    pub fn settle_near(&self, candidates: &mut [Candidate], scale: f64) {
+        let Some(best) = candidates.first().map(|b| b.evidence).filter(|_| !self.many_joints()) else { return };
+        let near = |c: &&mut Candidate| c.evidence > best - NEAR;
+        let near: Vec<&mut Candidate> = candidates.iter_mut().take(1 + RIVALS).filter(near).collect();
+        if near.len() > 1 {
+            near.into_par_iter().for_each(|c| c.fit = self.settle(&c.fit, scale));
+            self.rank(candidates, scale);
+        }
+    }
+
     /// Fits on from where a fit of this problem stands, or of one that is nearly this one: its derivatives nearly hold.
     pub fn fit_on(&self, fit: Fit, scale: f64) -> Result<Fit, GapError> {
         let known = self.columns_of(&fit).map(<[_]>::to_vec);
