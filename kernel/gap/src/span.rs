@@ -98,8 +98,8 @@ impl Span {
     }
 
     /// What is left of a change, row by row.
-    pub fn rest(&self, whole: &DVector<f64>) -> DVector<f64> {
-        whole - self.basis.tr_mul(&(&self.basis * whole))
+    pub fn rest(&self, change: &Change) -> DVector<f64> {
+        &change.whole - self.basis.tr_mul(&change.along)
     }
 
     /// Inner products of what is left of several changes, one a column, with one another and with what is left of the errors.
