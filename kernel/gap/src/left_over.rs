@@ -106,14 +106,10 @@ fn holds(search: &Search<'_>, current: &Fit, joint: usize, nameless: &Nameless) 
 #[cfg(test)]
 mod tests {
     use super::is_explained;
-    use crate::report::{Gap, JointGap};
+    use crate::report::Gap;
 
     fn gap(after: f64) -> Gap {
-        let [refitted, floor] = [1.0, 0.02];
-        let all = [refitted, refitted, after, floor];
-        let joint =
-            JointGap { before: refitted, refitted, after, noise_floor: floor, median: all, short: all, range: 1.0, unit: "rad".into() };
-        Gap { before: refitted, refitted, after, noise_floor: floor, per_joint: [("hinge".to_owned(), joint)].into() }
+        crate::tests::gap([1.0, after, 0.02])
     }
 
     /// A loop of friction whose numbers noisy efforts led astray; a spring with a kink, which three others imitate.

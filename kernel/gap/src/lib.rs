@@ -26,6 +26,7 @@ mod left_over;
 mod locked;
 mod map;
 mod memory;
+mod near;
 mod noise;
 #[cfg(test)]
 mod noisy_tests;

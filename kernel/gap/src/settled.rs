@@ -5,6 +5,7 @@ use crate::choice::{ALIKE, Choice};
 use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
+use crate::near::{Beside, GOOD_PART, NEARLY};
 use crate::report::{Gap, Reason};
 use crate::search::{Search, entries};
 use crate::shape::is_bent;
@@ -13,18 +14,10 @@ use crate::unseen::Unseen;
 use crate::valley::Followed;
 use crate::weigh::CONVINCING;
 
-/// What a force that names leave over is of theirs, or what they leave is of the gap, from which on they may be its neighbours alone, and the share
-/// of what they say that one without a name has to say then: its knots cost it what a shape that is right does not pay.
-const GOOD_PART: f64 = 0.1;
-const NEARLY: f64 = 0.9;
-/// Share of the force that lacks, from which on more of it is left than names explain, by a third.
-const MOST_OF_FORCE: f64 = 0.8;
 /// Logarithm of the Bayes factor by which a curve has to beat a few numbers: dry friction and drag look like a curve where one is not found yet.
 const PLAINLY: f64 = 10.0 * CONVINCING;
 /// Numbers of names that are few beside those of a curve.
 const FEW: usize = 3;
-/// Share of the gap that names may leave where much more is left than noise makes, or as much of the force.
-const MOST_OF_IT: f64 = 0.5;
 
 /// What is asked, and who hears of it.
 pub(crate) struct Settled<'s, 'a> {
@@ -97,10 +90,7 @@ impl Settled<'_, '_> {
         Ok(told)
     }
 
-    /// Why the names are the nearest neighbours of what is there, no more, where they are. They leave data far off that nothing was fitted to,
-    /// and most of the gap, or a good part of the force, while one without a name says nearly as much as all of them, and they little beside
-    /// it; where nothing of the force is left, what is far off is chance, as where a joint sticks. So are names that no such data confirm, where a
-    /// force without a name says more.
+    /// Why the names are the nearest neighbours of what is there, no more, where they are.
     /// `shown` is the gap with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
     pub fn only_near(
         &self,
@@ -121,23 +111,18 @@ impl Settled<'_, '_> {
         }
         // What hangs together as the errors do is told from nothing by as much less.
         let told = left.1.evidence > ALIKE * self.search.problem.persistence(&self.current.errors, &left.1.change);
-        let far = shown.is_far() && told && left.1.evidence > 2.0 * CONVINCING;
-        if far && shown.left() > MOST_OF_IT {
-            return Ok(Some("most of the gap is left"));
-        }
-        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
-            return Ok(Some("more of the force is left than is explained"));
-        }
-        if share > MOST_OF_IT && shown.left() > MOST_OF_IT && left.1.evidence > 2.0 * CONVINCING {
-            return Ok(Some("most of the gap is left, and much of the force"));
-        }
-        let good_part = left.1.force > GOOD_PART * self.search.explained_force(&self.current, self.refitted)?;
-        let beside = said + left.1.evidence - all.evidence;
-        let instead = all.evidence > NEARLY * said && beside < (1.0 - NEARLY) * said;
-        let instead = share > 0.0 && far && self.search.is_a_force(left) && good_part && instead;
-        let unconfirmed = !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms);
-        let better = unconfirmed && all.evidence > said + 2.0 * CONVINCING;
-        Ok((instead || better).then_some("a force without a name fits better"))
+        let explained = self.search.explained_force(&self.current, self.refitted)?;
+        let beside = Beside {
+            shown,
+            said,
+            left: left.1.evidence,
+            all: all.evidence,
+            share,
+            told,
+            large: self.search.is_a_force(left) && left.1.force > GOOD_PART * explained,
+            unconfirmed: !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms),
+        };
+        Ok(beside.only_near())
     }
 
     /// Do the names, all on one joint, imitate a force by position or velocity alone that is none of the catalogue's? `said` is what the evidence

@@ -15,6 +15,7 @@ use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise};
 use crate::plant::Plant;
+use crate::report::{Gap, JointGap};
 use crate::response::Response;
 use crate::search::{Candidate, Search};
 use crate::trajectory::{Drive, Trajectory};
@@ -62,6 +63,13 @@ pub(crate) fn with(model: &ObjectModel, effect: &str, parameters: &[(&str, f64)]
     let parameters = parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect();
     model.document.effects.push(EffectEntry { effect: effect.into(), joint: Some("hinge".into()), parameters, ..EffectEntry::default() });
     model
+}
+
+/// A gap of one joint: refitted, with names, and what noise makes of it.
+pub(crate) fn gap([refitted, after, noise_floor]: [f64; 3]) -> Gap {
+    let all = [refitted, refitted, after, noise_floor];
+    let joint = JointGap { before: refitted, refitted, after, noise_floor, median: all, short: all, range: 1.0, unit: "rad".into() };
+    Gap { before: refitted, refitted, after, noise_floor, per_joint: [("hinge".to_owned(), joint)].into() }
 }
 
 #[test]

@@ -1,0 +1,105 @@
+//! Names that are no more than the nearest neighbours of what is there.
+//!
+//! The catalogue has no name for much that machines do, and of those that it has one always comes nearest. What tells is how much is left with it,
+//! and what a force without a name says in its stead: its knots cost it what a shape that is right does not pay.
+
+use crate::report::Gap;
+use crate::weigh::CONVINCING;
+
+/// What a force that names leave over is of theirs, or what they leave is of the gap, from which on they may be its neighbours alone, and the share
+/// of what they say that one without a name has to say then.
+pub(crate) const GOOD_PART: f64 = 0.1;
+pub(crate) const NEARLY: f64 = 0.9;
+/// Share of the force that lacks, from which on more of it is left than names explain, by a third.
+const MOST_OF_FORCE: f64 = 0.8;
+/// Share of the gap that names may leave where much more is left than noise makes, or as much of the force.
+const MOST_OF_IT: f64 = 0.5;
+/// How many times as large names may make the gap: where it is small, or motion unstable, chance makes it larger, too.
+const GROWN: f64 = 1.5;
+
+/// Names beside forces without one.
+#[derive(Clone, Copy)]
+pub(crate) struct Beside<'a> {
+    /// The gap with the names.
+    pub shown: &'a Gap,
+    /// What the evidence gains by the names, by a force without a name on what they leave, and by one instead of them.
+    pub said: f64,
+    pub left: f64,
+    pub all: f64,
+    /// Share of the force left of all that is lacking; none where it is not there.
+    pub share: f64,
+    /// It is told from nothing, and large beside what the names explain.
+    pub told: bool,
+    pub large: bool,
+    /// Data that nothing was fitted to confirm none of the names.
+    pub unconfirmed: bool,
+}
+
+impl Beside<'_> {
+    /// Why the names are the neighbours alone of what is there. They leave data far off that nothing was fitted to, and most of the gap, or a good
+    /// part of the force, while one without a name says nearly as much as all of them, and they little beside it; where nothing of the force is
+    /// left, what is far off is chance, as where a joint sticks. So are names that leave a force and a good part of the gap, where a single one
+    /// without a name does for both; names that no such data confirm, where one without a name says more, or as much where they leave most of the
+    /// gap; and names that make the gap larger.
+    pub fn only_near(&self) -> Option<&'static str> {
+        let Self { shown, said, left, all, share, told, large, unconfirmed } = *self;
+        let is_left = left > 2.0 * CONVINCING;
+        let far = shown.is_far() && told && is_left;
+        let as_well = all > NEARLY * said;
+        if shown.left() > GROWN && shown.after > GROWN * shown.noise_floor {
+            return Some("windows are predicted worse with it");
+        }
+        if far && shown.left() > MOST_OF_IT {
+            return Some("most of the gap is left");
+        }
+        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
+            return Some("more of the force is left than is explained");
+        }
+        if share > MOST_OF_IT && shown.left() > MOST_OF_IT && is_left {
+            return Some("most of the gap is left, and much of the force");
+        }
+        // What says more than all of the names, or nearly what they and what they leave say together, is what they share among them.
+        if share > 0.0 && shown.left() > GOOD_PART && all > said.min(NEARLY * (said + left)) {
+            return Some("a single force without a name says as much as it and what it leaves");
+        }
+        let instead = share > 0.0 && far && large && as_well && said + left - all < (1.0 - NEARLY) * said;
+        let better = unconfirmed && (all > said + 2.0 * CONVINCING || as_well && shown.left() > MOST_OF_IT);
+        (instead || better).then_some("a force without a name fits better")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Beside;
+    use crate::report::Gap;
+    use crate::tests::gap;
+
+    /// Is a name withdrawn that says, and leaves, so much?
+    fn is_near(gap: &Gap, [said, left, all]: [f64; 3], share: f64) -> bool {
+        Beside { shown: gap, said, left, all, share, told: true, large: false, unconfirmed: false }.only_near().is_some()
+    }
+
+    /// Figures of drags that grow with the third power of speed, of a friction that grows while a joint rests, of one that binds for moments.
+    #[test]
+    fn names_that_share_one_force_without_a_name_are_not_believed() {
+        assert!(is_near(&gap([0.0062, 0.00082, 1e-5]), [8781.0, 869.0, 8751.0], 0.074), "quadratic drag and two more");
+        assert!(is_near(&gap([0.062, 0.040, 0.018]), [6099.0, 518.0, 6460.0], 0.19), "quadratic drag");
+        assert!(is_near(&gap([0.137, 0.0148, 0.0006]), [66718.0, 177.0, 65154.0], 0.086), "bristles");
+        assert!(is_near(&gap([0.042, 0.0195, 0.0004]), [614.0, 1642.0, 2160.0], 0.79), "dry friction");
+    }
+
+    /// Figures of a real cabinet's magnet and a real servo's gears: each leaves a force, and one without a name does not do for both.
+    #[test]
+    fn names_of_real_effects_are_believed_though_they_leave_a_force() {
+        assert!(!is_near(&gap([0.826, 0.0207, 0.0008]), [4236.0, 137.0, 4543.0], 0.022), "little of the gap is left");
+        assert!(!is_near(&gap([0.43, 0.052, 1e-4]), [15545.0, 1587.0, 12104.0], 0.499), "the names say much that one force does not");
+    }
+
+    /// An unstable rest makes a gap larger by chance, and so does noise where nothing else is left.
+    #[test]
+    fn a_name_that_makes_the_gap_larger_is_not_believed_and_one_beside_chance_is() {
+        assert!(is_near(&gap([9.9e-5, 1.84e-4, 8.5e-5]), [188.0, 0.0, 0.0], 0.0));
+        assert!(!is_near(&gap([3.46e-4, 3.71e-4, 3.61e-4]), [188.0, 0.0, 0.0], 0.0));
+        assert!(!is_near(&gap([0.150, 0.163, 0.071]), [188.0, 0.0, 0.0], 0.0));
+    }
+}
