@@ -176,7 +176,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
             let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
             let left_over = left_over(&search, (fit, &refitted), left, &gap, Named::of(&settled.chosen, nameless_won))?;
             let share = left_over.map_or(0.0, |l| l.share);
-            settled.only_near(gap.held_out.as_ref().unwrap_or(&gap.train), (left, share), all)?
+            settled.only_near(&gap, (left, share), all)?
         }
         _ => None,
     };

@@ -6,7 +6,7 @@ use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::near::{Beside, GOOD_PART, NEARLY};
-use crate::report::{Gap, Reason};
+use crate::report::{Gaps, Reason};
 use crate::search::{Search, entries};
 use crate::shape::is_bent;
 use crate::trajectory::Trajectory;
@@ -91,10 +91,10 @@ impl Settled<'_, '_> {
     }
 
     /// Why the names are the nearest neighbours of what is there, no more, where they are.
-    /// `shown` is the gap with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
+    /// `gap` is with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
     pub fn only_near(
         &self,
-        shown: &Gap,
+        gap: &Gaps,
         (left, share): (&(usize, Nameless), f64),
         all: &Nameless,
     ) -> Result<Option<&'static str>, GapError> {
@@ -113,7 +113,8 @@ impl Settled<'_, '_> {
         let told = left.1.evidence > ALIKE * self.search.problem.persistence(&self.current.errors, &left.1.change);
         let explained = self.search.explained_force(&self.current, self.refitted)?;
         let beside = Beside {
-            shown,
+            shown: gap.held_out.as_ref().unwrap_or(&gap.train),
+            fitted: &gap.train,
             said,
             left: left.1.evidence,
             all: all.evidence,

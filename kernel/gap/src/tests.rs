@@ -15,11 +15,12 @@ use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise};
 use crate::plant::Plant;
-use crate::report::{Gap, JointGap};
+use crate::report::{Gap, JointGap, Verdict};
 use crate::response::Response;
 use crate::search::{Candidate, Search};
 use crate::trajectory::{Drive, Trajectory};
 use crate::windows::{Seek, Smoothed, likely_noise};
+use crate::{Options, find};
 
 pub(crate) fn door() -> ObjectModel {
     ObjectModel::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/measured/mujoco/b")).unwrap()
@@ -429,6 +430,20 @@ fn how_closely_a_motion_is_followed_is_sought_to_both_sides() {
         (errors.position.iter().map(|e| e * e).sum::<f64>() / errors.position.len() as f64).sqrt()
     };
     assert!(off([1.0; 2]) > 10.0 && off(factors) < 2.0 && factors[0] < 4.0, "{} {} {factors:?}", off([1.0; 2]), off(factors));
+}
+
+/// A door that a hand leans against too weakly to move it says nothing of what a swinging one lacks.
+#[test]
+fn held_out_data_in_which_nothing_moves_deny_nothing() {
+    let (model, truth) = (door(), with(&door(), "coulomb_friction", &[("friction", 0.05)]));
+    let train: Vec<Log> = (1..3).map(|seed| swing(&truth, 1e-4, seed)).collect();
+    let mut still = swing(&model, 0.0, 3);
+    let mut random = Pcg64::seed_from_u64(4);
+    still.joints[0].position.value.iter_mut().for_each(|y| *y = 0.3 + 1e-4 * noise::normal(&mut random));
+    let options = Options { baselines: false, ..Options::default() };
+    let report = find(&model, &train, &[still], &options).unwrap().report;
+    assert_eq!(report.verdict, Verdict::Named, "{:?}", report.rejected);
+    assert!(report.gap.held_out.is_none() && report.notes.iter().any(|n| n.contains("nothing moves in these held-out data")));
 }
 
 /// A joint that was nowhere has no range between whose ends anything lies.
