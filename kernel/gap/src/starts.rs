@@ -46,9 +46,11 @@ impl JointView {
     }
 }
 
+/// Share of the joint's inertia that a rotor begins with.
+const SHARE_OF_ROTOR: f64 = 0.15;
 /// Frequencies at which rotors swing against a link that is held, Hz, and how many times as fast each start's does as the one before.
 const ROTOR: [f64; 2] = [2.2, 42.0];
-const STEP_OF_ROTOR: f64 = 1.12;
+const STEP_OF_ROTOR: f64 = 1.06;
 /// The same of light bases that give way.
 const LIGHT: [f64; 2] = [2.0, 22.0];
 const STEP_OF_LIGHT: f64 = 1.15;
@@ -118,14 +120,14 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, 0.0], &gaps)).collect()
         }
         "joint_elasticity" => {
-            // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to some
-            // hundredths, keeps in step with what is seen. Of its inertia any will do.
-            let start = |(hz, share): (f64, f64)| {
+            // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to three
+            // hundredths where little damps it, keeps in step with what is seen. Of its inertia any will do.
+            let start = |hz: f64| {
                 let rate = TAU * hz;
-                let k = share * m * rate * rate;
-                vec![k, 0.12 * k / rate, share * m, 0.0]
+                let k = SHARE_OF_ROTOR * m * rate * rate;
+                vec![k, 0.12 * k / rate, SHARE_OF_ROTOR * m, 0.0]
             };
-            steps(ROTOR, STEP_OF_ROTOR).zip([0.08, 0.3].into_iter().cycle()).map(start).collect()
+            steps(ROTOR, STEP_OF_ROTOR).map(start).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
         "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),

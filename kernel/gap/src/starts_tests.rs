@@ -71,7 +71,7 @@ fn a_rotor_is_begun_at_nearly_the_rate_at_which_it_swings() {
     for i in 0..200 {
         let rate = 2.5 * (40.0_f64 / 2.5).powf(f64::from(i) / 199.0);
         let off = rates.iter().map(|r| (r / rate).ln().abs()).fold(f64::INFINITY, f64::min);
-        assert!(off < 0.06, "{rate} Hz is far from all of {rates:?}");
+        assert!(off < 0.03, "{rate} Hz is far from all of {rates:?}");
     }
 }
 
