@@ -97,7 +97,9 @@ mod tests {
     #[test]
     fn names_of_real_effects_are_believed_though_they_leave_a_force() {
         assert!(!is_near(&gap([0.826, 0.0207, 0.0008]), [4236.0, 137.0, 4543.0], 0.022), "little of the gap is left");
-        assert!(!is_near(&gap([0.43, 0.052, 1e-4]), [15545.0, 1587.0, 12104.0], 0.499), "the names say much that one force does not");
+        assert!(!is_near(&gap([0.43, 0.035, 1e-4]), [15545.0, 1587.0, 12104.0], 0.499), "less than a tenth of the gap is left");
+        // Not measured: the same names with more left.
+        assert!(!is_near(&gap([0.43, 0.052, 1e-4]), [15545.0, 1587.0, 12104.0], 0.499), "they say much that one force does not");
     }
 
     /// A mass that comes loose is no payload; a detent that unseen data do not reach is one all the same.

@@ -441,6 +441,13 @@ fn held_out_data_in_which_nothing_moves_deny_nothing() {
     let mut random = Pcg64::seed_from_u64(4);
     still.joints[0].position.value.iter_mut().for_each(|y| *y = 0.3 + 1e-4 * noise::normal(&mut random));
     let options = Options { baselines: false, ..Options::default() };
+    // A joint beside it that moves is none of the door's; a door by another name is not passed over.
+    let mut beside = swing(&model, 1e-4, 3).joints.remove(0);
+    beside.name = "wheel".into();
+    let mut misnamed = still.clone();
+    misnamed.joints[0].name = "hinje".into();
+    assert!(find(&model, &train, &[misnamed], &options).is_err());
+    still.joints.push(beside);
     let report = find(&model, &train, &[still], &options).unwrap().report;
     assert_eq!(report.verdict, Verdict::Named, "{:?}", report.rejected);
     assert!(report.gap.held_out.is_none() && report.notes.iter().any(|n| n.contains("nothing moves in these held-out data")));
