@@ -447,6 +447,7 @@ fn perform(
         counted: Vec::new(),
         liveliness: Vec::new(),
         strain: Vec::new(),
+        doubt: Vec::new(),
         effort: vec![f64::NAN; rows * n],
         input: vec![0.0; rows * n],
         drive,

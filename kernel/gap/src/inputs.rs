@@ -1,7 +1,8 @@
 //! What acts on joints, as series of samples: those that are missing among others, and forces that were measured at links.
 //!
 //! A sample acts until the next one. Where that one is missing, holding its forerunner longer makes the input late by half of the hole: over many
-//! holes that is a clock which is off. So samples that a regular clock should have brought are put on straight lines between their neighbours.
+//! holes that is a clock which is off. So samples that a regular clock should have brought are put on straight lines between their neighbours, and
+//! doubted by half of what lies between these.
 //! What is published when it changes has no such clock, and is held.
 
 use nalgebra::{DVector, Isometry3, Matrix6xX, Point3, Vector3, Vector6};
@@ -30,6 +31,8 @@ pub(crate) struct Inputs {
     pub log: Log,
     /// Forces from outside on joints that a command drives, by the joint's name.
     pub external: Vec<(String, Series)>,
+    /// Where an input was put in, and by how much it may be off there, by the joint's name.
+    pub doubts: Vec<(String, Series)>,
     /// What was put in, and what acts where several things might.
     pub notes: Vec<String>,
 }
@@ -57,7 +60,7 @@ pub(crate) fn law_of<'a>(model: &'a ObjectModel, joint: &str) -> Option<&'a Actu
 
 impl Inputs {
     pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
-        let mut this = Self { log: log.clone(), external: Vec::new(), notes: Vec::new() };
+        let mut this = Self { log: log.clone(), external: Vec::new(), doubts: Vec::new(), notes: Vec::new() };
         this.push_by_wrenches(model)?;
         let is_table = this.log.is_table;
         for joint in this.log.joints.iter_mut().filter(|j| model.joint(&j.name).is_some()) {
@@ -89,6 +92,7 @@ impl Inputs {
                 )));
             }
             *series = mended.series;
+            this.doubts.push((joint.name.clone(), mended.doubts));
         }
         Ok(this)
     }
@@ -207,8 +211,9 @@ fn is_among(times: &[f64], others: &[f64]) -> bool {
 #[derive(Debug)]
 struct Mended {
     series: Series,
-    /// How many these are.
+    /// How many these are, and by how much each may be off: an input that steps is at one end or at the other.
     filled: usize,
+    doubts: Series,
     /// Holes that are too wide for it.
     held: usize,
 }
@@ -221,7 +226,7 @@ impl Mended {
         all.sort_by(f64::total_cmp);
         all.dedup_by(|b, a| *b - *a < SAME_TIME);
         let period = period(&all);
-        let mut this = Self { series: Series::default(), filled: 0, held: 0 };
+        let mut this = Self { series: Series::default(), filled: 0, doubts: Series::default(), held: 0 };
         for (k, (a, value)) in series.time.iter().zip(&series.value).enumerate() {
             this.series.time.push(*a);
             this.series.value.push(*value);
@@ -251,6 +256,8 @@ impl Mended {
                 let share = (t - a) / (b - a);
                 this.series.time.push(t);
                 this.series.value.push((1.0 - share) * value + share * series.value[k + 1]);
+                this.doubts.time.push(t);
+                this.doubts.value.push(0.5 * (series.value[k + 1] - value).abs());
             }
         }
         this
@@ -264,7 +271,9 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::tests::{door, swing};
+    use crate::hypothesis::Hypothesis;
+    use crate::search::Search;
+    use crate::tests::{door, driven, swing};
     use crate::trajectory::Trajectory;
 
     fn ramp(times: &[f64]) -> Series {
@@ -309,6 +318,24 @@ mod tests {
         let times: Vec<f64> = (0..400).filter(|k| !(100..140).contains(k)).map(|k| 0.005 * f64::from(k)).collect();
         let mended = Mended::new(&ramp(&times), &[], 0.0, &[]);
         assert_eq!((mended.filled, mended.held), (0, 1));
+    }
+
+    /// The hand jumps, and that row is lost: nobody knows when within the hole it did.
+    #[test]
+    fn an_input_that_jumps_in_a_hole_is_doubted_there_and_nowhere_else() {
+        let mut log = driven(&door(), 2e-5, 1, 0.9, |t| if t < 5.0 { 0.9 } else { 1.7 });
+        let (jump, joint) = (1000, hinge(&mut log));
+        for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
+            series.time.remove(jump);
+            series.value.remove(jump);
+        }
+        let trajectories = [Trajectory::new(&log, &door()).unwrap()];
+        let doubted: Vec<usize> = (0..trajectories[0].rows()).filter(|k| trajectories[0].doubt[*k] > 0.0).collect();
+        assert_eq!(doubted, [jump + 1]);
+        let search = Search::new(&door(), &trajectories).unwrap();
+        let known = Hypothesis::known(&door(), &search.joints);
+        let errors = search.problem.errors(&known, &known.x).unwrap();
+        assert!(errors.iter().all(|e| e.abs() < 6.0), "{} deviations", errors.amax());
     }
 
     /// A row for a position that has no effort lacks a sample; where a message of efforts has a clock of its own, it lacks none.

@@ -132,19 +132,28 @@ pub(crate) fn liveliness(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
     (0..y.len()).map(around).collect()
 }
 
+/// Effort of a drive by its input, where nothing limits it: N m/rad or N m/V, or 1; N for N m and m for rad where a joint slides.
+pub(crate) fn per_input(drive: Drive, law: Option<&ActuatorLaw>) -> f64 {
+    match (drive, law) {
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::PositionServo { stiffness, .. })) => *stiffness,
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. })) => {
+            gain.unwrap_or(0.0) * torque_constant / resistance
+        }
+        (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
+            torque_constant / resistance
+        }
+        _ => 1.0,
+    }
+}
+
 /// RMS of the efforts on a joint around each row: measured, commanded, or what a drive's law makes of a command and the position.
 pub(crate) fn strain(trajectory: &Trajectory, joint: usize, law: Option<&ActuatorLaw>) -> Vec<f64> {
     let n = trajectory.joints;
     let position = |k: usize| trajectory.position[k * n + joint];
-    let efforts = trajectory.input.iter().skip(joint).step_by(n).enumerate().map(|(k, u)| match (trajectory.drive[joint], law) {
-        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::PositionServo { stiffness, .. })) => stiffness * (u - position(k)),
-        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. })) => {
-            gain.unwrap_or(0.0) * torque_constant / resistance * (u - position(k))
-        }
-        (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
-            u * torque_constant / resistance
-        }
-        _ => *u,
+    let (drive, slope) = (trajectory.drive[joint], per_input(trajectory.drive[joint], law));
+    let efforts = trajectory.input.iter().skip(joint).step_by(n).enumerate().map(|(k, u)| match drive {
+        Drive::Command(CommandKind::Position) => slope * (u - position(k)),
+        _ => slope * u,
     });
     let width = ((SPAN / trajectory.period()).round() as usize).max(2);
     // Sums from the first row on, so that any row's neighbours cost one difference.

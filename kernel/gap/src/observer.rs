@@ -17,6 +17,8 @@
 //! 1987). It is the effort that is observed with noise, given the motion, so the density of an error is that of a force, and has no term
 //! for the inertia's own logarithm.
 //!
+//! Where an input was not measured and is put in, what acts is off by as much as is doubted.
+//!
 //! Just after a start no model knows what acts: inputs that were sent before are still on their way, and inner states are not at rest. There
 //! the measurement rules, and nothing is counted.
 //!
@@ -118,7 +120,8 @@ impl Noise {
         let n = trajectory.joints;
         let share = |j: usize| if strange { self.share[j].max(1.0) } else { self.share[j] };
         let moved = share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j]);
-        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]);
+        let doubt = |i: usize| trajectory.doubt.get(k * n + i).copied().unwrap_or(0.0);
+        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]).hypot(doubt(i));
         (moved * moved + (0..n).map(|i| pushed(i).powi(2)).sum::<f64>()).sqrt()
     }
 

@@ -64,6 +64,8 @@ pub(crate) struct Trajectory {
     /// Accelerations around each row, rad/s^2 or m/s^2, and efforts, N m or N.
     pub liveliness: Vec<f64>,
     pub strain: Vec<f64>,
+    /// By how much what acts on the way to a row may be off, where its input was not measured and is put in, N m or N; empty where all was measured.
+    pub doubt: Vec<f64>,
     /// Measured efforts of joints that a command drives; NaN where nothing was measured, and just after a start.
     pub effort: Vec<f64>,
     /// What acts until the next time; NaN where a motor's circuit is open.
@@ -102,8 +104,9 @@ pub(crate) fn joint_names(model: &ObjectModel) -> Result<Vec<String>, GapError> 
 impl Trajectory {
     /// Puts the series of a log on one grid.
     pub fn new(log: &Log, model: &ObjectModel) -> Result<Self, GapError> {
-        let Inputs { log, external, notes } = Inputs::new(log, model)?;
-        let this = Self { notes, ..Self::all(&log, &external, model)? };
+        let Inputs { log, external, doubts, notes } = Inputs::new(log, model)?;
+        let mut this = Self { notes, ..Self::all(&log, &external, model)? };
+        this.doubt_inputs(model, &doubts)?;
         let many = (FAST / this.period()).round() as usize;
         // Inputs are exact; where there are none, dense samples can be averaged.
         let mut this = if many > 1 && this.drive.iter().all(|d| *d == Drive::Free) { this.averaged(many) } else { this };
@@ -120,6 +123,23 @@ impl Trajectory {
         self.forget_starts();
         self.liveliness = self.by_row(noise::liveliness);
         self.strain = self.by_row(|t, j| noise::strain(t, j, law(j)));
+        Ok(())
+    }
+
+    /// Says by how much inputs may be off where they were put in.
+    fn doubt_inputs(&mut self, model: &ObjectModel, doubts: &[(String, Series)]) -> Result<(), GapError> {
+        let (n, names) = (self.joints, joint_names(model)?);
+        for (name, doubts) in doubts.iter().filter(|(_, doubts)| !doubts.time.is_empty()) {
+            let Some(j) = names.iter().position(|n| n == name) else { continue };
+            self.doubt.resize(self.rows() * n, 0.0);
+            let effort = noise::per_input(self.drive[j], law_of(model, name));
+            for (t, doubt) in doubts.time.iter().zip(&doubts.value) {
+                let next = self.time.partition_point(|x| *x <= t + SAME_TIME);
+                if let Some(at) = self.doubt.get_mut(next * n + j) {
+                    *at = effort * doubt;
+                }
+            }
+        }
         Ok(())
     }
 
@@ -285,6 +305,7 @@ impl Trajectory {
             counted: Vec::new(),
             liveliness: Vec::new(),
             strain: Vec::new(),
+            doubt: Vec::new(),
             position,
             effort,
             input,
@@ -320,6 +341,7 @@ impl Trajectory {
             counted: entries().map(|i| self.counted[i]).collect(),
             liveliness: of(&self.liveliness),
             strain: of(&self.strain),
+            doubt: if self.doubt.is_empty() { Vec::new() } else { of(&self.doubt) },
             effort: of(&self.effort),
             input: of(&self.input),
             drive: self.drive.clone(),
@@ -371,6 +393,7 @@ impl Trajectory {
             counted: vec![true; rows * joints],
             liveliness: vec![0.0; rows * joints],
             strain: vec![0.0; rows * joints],
+            doubt: Vec::new(),
             effort: vec![f64::NAN; rows * joints],
             input: input.repeat(rows),
             drive,
