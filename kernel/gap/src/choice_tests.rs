@@ -221,6 +221,23 @@ fn a_name_is_not_bent_to_another_shape() {
     assert!(!stop(0.6, 1.0) && !stop(0.4, -1.0));
 }
 
+/// Put beyond its stop by whoever begins a recording, a joint is thrown out within milliseconds.
+#[test]
+fn a_stop_that_a_recording_begins_beyond_is_one() {
+    let mut trajectory = Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap();
+    let [low, high] = Trajectory::range([&trajectory], 0);
+    let stop = |trajectory: Trajectory| {
+        let trajectories = [trajectory];
+        let search = Search::new(&door(), &trajectories).unwrap();
+        let errors = signs(trajectories[0].position.len(), 1);
+        search.is_shaped(&candidate(&search, "hard_stop", &[1e3, 1e2, low, -1.0], &errors, 0.0, &[1.0; 4]).fit)
+    };
+    trajectory.position[..20].fill(low - (high - low));
+    assert!(stop(trajectory.clone()));
+    trajectory.position[..200].fill(low - (high - low));
+    assert!(!stop(trajectory), "it stays there");
+}
+
 /// Errors that are a hundred times as large by what models are compared by: a joint that sticks in the model makes its own weigh nothing, and all
 /// others would be told apart by them.
 #[test]

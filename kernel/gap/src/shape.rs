@@ -7,8 +7,10 @@ use sagci_model::EffectEntry;
 use crate::fit::Fit;
 use crate::search::{Search, entries};
 use crate::trajectory::Trajectory;
+use crate::view::SELDOM;
 
-/// Share of its way that a joint goes into a stop, at the most: what gives way by more does not stop it.
+/// Share of its way that a joint goes into a stop, at the most: what gives way by more does not stop it. But for a few moments, as where a
+/// recording begins beyond a stop that throws the joint out.
 const DEEPEST: f64 = 0.25;
 
 impl Search<'_> {
@@ -24,8 +26,9 @@ impl Search<'_> {
     fn stops(&self, joint: usize, stop: &[f64]) -> bool {
         let &[_, _, position, side] = stop else { return true };
         let [low, high] = Trajectory::range(self.problem.trajectories, joint);
-        let depth = if side > 0.0 { high - position } else { position - low };
-        depth <= DEEPEST * (high - low)
+        let too_deep = |y: &f64| side * (y - position) > DEEPEST * (high - low);
+        let reached = || self.problem.trajectories.iter().flat_map(|t| t.positions(joint)).filter(|y| y.is_finite());
+        reached().filter(too_deep).count() as f64 <= SELDOM * reached().count() as f64
     }
 }
 

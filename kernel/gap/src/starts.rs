@@ -11,8 +11,9 @@ pub(crate) struct JointView {
     pub force: f64,
     /// RMS of velocities.
     pub speed: f64,
-    /// Positions that were reached.
+    /// Positions that were reached, and those between which it is but for a few moments.
     pub range: [f64; 2],
+    pub usual: [f64; 2],
     /// It turns.
     pub turns: bool,
     /// Inertia that a drive at the joint feels.
@@ -54,6 +55,14 @@ const STEP_OF_ROTOR: f64 = 1.06;
 /// The same of light bases that give way.
 const LIGHT: [f64; 2] = [2.0, 22.0];
 const STEP_OF_LIGHT: f64 = 1.15;
+
+/// Times by which an input or a stamp may be late, s, where rows are so far apart: where little noise hides a motion, a fit finds its way over
+/// some rows and no farther.
+const LATE: [f64; 5] = [0.003, 0.008, 0.014, 0.02, 0.027];
+
+fn lateness(period: f64) -> impl Iterator<Item = f64> {
+    LATE.into_iter().map(move |late| late.max(period))
+}
 
 /// From one frequency to another, each so many times as fast as the one before.
 fn steps([from, to]: [f64; 2], times: f64) -> impl Iterator<Item = f64> {
@@ -110,7 +119,10 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             // At the ends of the motion, or as far before them as it takes to stop a joint; a soft one also where the force is.
             let end = |depth: f64, k: f64| [vec![k, 0.1 * k, high - depth, 1.0], vec![k, 0.1 * k, low + depth, -1.0]];
             let stopped = [0.03 * r, 0.1 * r, 0.25 * r].into_iter().flat_map(|depth| end(depth, m * (v / depth).powi(2)));
-            let ends = end(0.01 * r, k).into_iter().chain(stopped);
+            // A joint may begin a recording beyond its stop, which then throws it out.
+            let [bottom, top] = view.usual;
+            let passed = [vec![k, 0.1 * k, top - 0.01 * r, 1.0], vec![k, 0.1 * k, bottom + 0.01 * r, -1.0]];
+            let ends = end(0.01 * r, k).into_iter().chain(stopped).chain(passed);
             let amid = places.iter().flat_map(|p| [1.0, -1.0].map(|side| vec![4.0 * f / r, 2.0 * f / v, *p, side]));
             ends.chain(amid).collect()
         }
@@ -130,7 +142,7 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             steps(ROTOR, STEP_OF_ROTOR).map(start).collect()
         }
         "torque_ripple" => view.cycles.iter().take(3).flat_map(|c| each(&|p| vec![f, *c, p], &[0.0, FRAC_PI_2])).collect(),
-        "transport_delay" => each(&|d| vec![d], &[h.max(0.004), 0.015]),
+        "transport_delay" => lateness(h).map(|d| vec![d]).collect(),
         "actuator_lag" => each(&|t| vec![t], &[h.max(0.004), 0.015]),
         "armature_inertia" => vec![vec![0.1 * m]],
         "torque_gain" => vec![vec![0.05]],
@@ -160,8 +172,7 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             let all = [(0.005, 0.01 / view.duration, 0.0), (0.3 * f, f / view.duration, 1.0)];
             all.iter().flat_map(|(bias, rate, of)| [vec![*bias, 0.0, *of], vec![0.0, *rate, *of]]).collect()
         }
-        // A sample, and as much as is usual, either way: over several samples a skew is no longer a small change of one.
-        "clock_skew" => each(&|s| vec![s], &[h.max(0.003), -h.max(0.003), 0.01, -0.01]),
+        "clock_skew" => lateness(h).flat_map(|s| [vec![s], vec![-s]]).collect(),
         "thermal_wear" => each(&|t| vec![0.3, t * view.duration], &[0.2, 0.7]),
         "unmodelled_mode" => {
             let mode = |hz: f64, share: f64| each(&|d| vec![hz, 0.05, share * view.mass.max(0.1), d], &[0.0, 1.0, 2.0]);

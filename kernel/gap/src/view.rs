@@ -17,6 +17,8 @@ use crate::starts::JointView;
 use crate::trajectory::Trajectory;
 
 const BINS: usize = 40;
+/// Share of the rows that are beyond the positions where a joint usually is, to either side.
+pub(crate) const SELDOM: f64 = 0.02;
 /// The share of the most that gravity can do to a link from which on it counts.
 const FELT: f64 = 0.05;
 
@@ -170,6 +172,11 @@ impl Search<'_> {
         let reached = rows.iter().fold((f64::MAX, f64::MIN), |(a, b), r| (a.min(r[1]), b.max(r[1])));
         // Of a joint that rests in all rows no place is known by a force.
         let (low, high) = if rows.is_empty() { (0.0, 0.0) } else { reached };
+        let mut positions: Vec<f64> = rows.iter().map(|r| r[1]).collect();
+        positions.sort_by(f64::total_cmp);
+        let passed = (SELDOM * positions.len() as f64) as usize;
+        let end = |i: usize, reached: f64| positions.get(i).copied().unwrap_or(reached);
+        let usual = [end(passed, low), end((positions.len() - passed).saturating_sub(1), high)];
         let model = &base.hypothesis.model;
         let joint = &model.joints[self.joints[j]];
         let link = &model.links[joint.child].inertial;
@@ -184,6 +191,7 @@ impl Search<'_> {
             force: binned(&rows, low, high).max(1e-6),
             speed: rms(2),
             range: [low, high],
+            usual,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             inertia: self.inertias[j],
             efforts,
