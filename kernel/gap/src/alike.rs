@@ -80,6 +80,12 @@ fn is_constant(fit: &Fit, entry: usize) -> bool {
     })
 }
 
+/// Is a candidate an encoder's offset whose scale error is nothing?
+pub(crate) fn is_plain_offset(candidate: &Candidate) -> bool {
+    let last = || entries(&candidate.fit.hypothesis).pop();
+    candidate.effect == "encoder_offset" && last().is_some_and(|entry| is_constant(&candidate.fit, entry))
+}
+
 /// The plain name of a candidate that is a sensor's drift and does not drift.
 pub(crate) fn plain_name(candidate: &Candidate) -> Option<&'static str> {
     let hypothesis = &candidate.fit.hypothesis;

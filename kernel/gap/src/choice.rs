@@ -75,11 +75,12 @@ impl Choice {
         // Of one channel, a name with an idle number is the plainer one again; of another it is another cause.
         let says_more =
             |c: &Candidate| numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect) || !idle(&c.fit, scale);
-        let is_itself = |c: &Candidate| plain_name(c) == Some(itself.effect);
+        // What does not drift has a plain name, and is not named twice.
+        let is_plain = |c: &Candidate| plain_name(c).is_some_and(|name| candidates.iter().any(|o| (o.effect, o.joint) == (name, c.joint)));
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
         // What says more by no more numbers, and has not taken the place, is not out.
         let no_less = |c: &Candidate, less: f64| less.abs() < ALIKE || less < 0.0 && numbers(c) <= numbers(&itself);
-        let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && !is_itself(c) && says_more(c);
+        let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && !is_plain(c) && says_more(c);
         let rivals = beside.iter().filter(rival).map(|(c, _)| (*c).clone());
         self.alike = std::iter::once(itself.clone()).chain(rivals).collect();
     }

@@ -23,6 +23,8 @@ const NEARLY: f64 = 0.8;
 
 /// Share of what the names before it make that a second one needs, if it is small: by as much the shape of a name may be off.
 const TENTH: f64 = 0.1;
+/// Share of the gap that names leave, below which what little another makes is no second name.
+const ALL_BUT_CLOSED: f64 = 0.05;
 
 /// What is asked, and who hears of it.
 pub(crate) struct Ascent<'a> {
@@ -282,11 +284,13 @@ impl<'a> Climb<'a> {
         Ok(Some(There { settled, adds_up, small }))
     }
 
-    /// Are windows far off, and much less so by a fit?
+    /// Are windows far off, and much less so by a fit? What is left of a gap that is all but closed is what the names' shapes are off by, too.
     fn brings_near(&self, fit: &Fit, ascent: &Ascent<'_>) -> bool {
-        let search = &self.search;
-        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
-        measure.is_far(&self.current.hypothesis, ascent.seed) && search.left_of_gap(ascent.model, &self.current, fit, ascent.window) < FALL
+        let (search, &Ascent { model, window, seed, .. }) = (&self.search, ascent);
+        let measure = Measure::new(search, model, search.problem.trajectories, &[], window);
+        measure.is_far(&self.current.hypothesis, seed)
+            && search.left_of_gap(model, &self.current, fit, window) < FALL
+            && search.left_of_gap(model, &self.base, &self.current, window) > ALL_BUT_CLOSED
     }
 
     /// Does a name make windows no better only because another is missing as well? With the likeliest one beside it they are much better.

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use sagci_model::ObjectModel;
 
 use crate::GapError;
+use crate::alike::is_plain_offset;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::flexible::{self, Nameless};
 use crate::gaps::{FINE, Measure};
@@ -191,7 +192,8 @@ impl<'a> Search<'a> {
     /// what is left between them is no ground to name the richer one. `here` is the evidence without any.
     pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
-        let count = |c: &Candidate| c.fit.hypothesis.x.len();
+        // An encoder's offset whose scale error is nothing has one number.
+        let count = |c: &Candidate| c.fit.hypothesis.x.len() - usize::from(is_plain_offset(c));
         let gap = self.gap(model, window);
         let least = LazyCell::new(|| gap(&best.fit).min(f64::MAX));
         let adds_up = |c: &Candidate| *least < FALL * gap(&c.fit);
