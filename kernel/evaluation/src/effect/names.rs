@@ -78,6 +78,9 @@ pub struct Circumstances {
     pub slow: f64,
 }
 
+/// A point of mass m at r from the axis pulls by m g r and adds m r^2 to the inertia: near the axis it is a pull alone, as a tilt's is.
+const NEAR_THE_AXIS: &str = "payload";
+
 /// Names that data of these circumstances cannot tell from `entry`'s (its own left out).
 pub fn indistinguishable(entry: &sagci_model::EffectEntry, at: &Circumstances) -> Vec<&'static str> {
     let p = |name: &str| entry.parameters.get(name).copied().unwrap_or(0.0);
@@ -92,12 +95,20 @@ pub fn indistinguishable(entry: &sagci_model::EffectEntry, at: &Circumstances) -
                 names.push("joint_spring");
             }
             if at.joints == 1 && at.gravity {
-                names.extend(["encoder_offset", "joint_axis_error"]);
+                names.extend(["encoder_offset", "joint_axis_error", NEAR_THE_AXIS]);
             } else if at.joints == 1 {
                 names.push("joint_axis_error");
             }
         }
-        "encoder_offset" if at.joints == 1 && p("scale_error") == 0.0 => names.extend(["hinge_tilt", "joint_axis_error"]),
+        "encoder_offset" if at.joints == 1 && p("scale_error") == 0.0 => {
+            names.extend(["hinge_tilt", "joint_axis_error"]);
+            if at.gravity {
+                names.push(NEAR_THE_AXIS);
+            }
+        }
+        // Gravity along a slide is a constant.
+        "joint_axis_error" if at.joints == 1 && !at.turns => names.push("torque_bias"),
+        "torque_bias" if at.joints == 1 && !at.turns => names.push("joint_axis_error"),
         "joint_axis_error" if at.joints == 1 => names.extend(["hinge_tilt", "encoder_offset"]),
         // A bias of the sensor that does not drift is a bias of the effort.
         "torque_bias" if short && at.gravity => names.push("hinge_tilt"),
