@@ -271,6 +271,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::gaps::Measure;
     use crate::hypothesis::Hypothesis;
     use crate::search::Search;
     use crate::tests::{door, driven, swing};
@@ -336,6 +337,22 @@ mod tests {
         let known = Hypothesis::known(&door(), &search.joints);
         let errors = search.problem.errors(&known, &known.x).unwrap();
         assert!(errors.iter().all(|e| e.abs() < 6.0), "{} deviations", errors.amax());
+    }
+
+    /// Jumps of the hand whose rows are lost, one in most windows: what that hides is no gap of a model that is right.
+    #[test]
+    fn inputs_that_jump_in_holes_are_no_gap() {
+        let mut log = driven(&door(), 2e-5, 1, 0.9, |t| if (1.25 * t) as i32 % 2 == 0 { 0.7 } else { 1.3 });
+        let joint = hinge(&mut log);
+        for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
+            let kept = |k: usize| k == 0 || k % 160 != 0;
+            let keep = |all: &[f64]| (0..all.len()).filter(|k| kept(*k)).map(|k| all[k]).collect::<Vec<f64>>();
+            *series = Series { time: keep(&series.time), value: keep(&series.value) };
+        }
+        let trajectories = [Trajectory::new(&log, &door()).unwrap()];
+        let search = Search::new(&door(), &trajectories).unwrap();
+        let measure = Measure::new(&search, &door(), &trajectories, &[], 1.0);
+        assert!(!measure.is_far(&Hypothesis::known(&door(), &search.joints), 1));
     }
 
     /// A row for a position that has no effort lacks a sample; where a message of efforts has a clock of its own, it lacks none.

@@ -44,6 +44,16 @@ pub(crate) struct Window {
     pub velocity: Vec<f64>,
 }
 
+/// Accelerations by what acts on the way to row `k` beside what was put in for it, drawn as it is doubted; empty where all was measured.
+fn doubted(plant: &Plant, motion: &mut Motion, trajectory: &Trajectory, k: usize, normal: &mut impl FnMut() -> f64) -> Vec<f64> {
+    let n = trajectory.joints;
+    let Some(doubts) = trajectory.doubt.get(k * n..(k + 1) * n).filter(|d| d.iter().any(|d| *d > 0.0)) else { return Vec::new() };
+    let mut inverse = Vec::new();
+    plant.inverse_mass(motion, &mut inverse);
+    let efforts: Vec<f64> = doubts.iter().map(|d| d * normal()).collect();
+    (0..n).map(|j| efforts.iter().enumerate().map(|(i, u)| inverse[i * n + j] * u).sum()).collect()
+}
+
 /// The run along the data that gives windows their first states.
 pub(crate) struct Smoothed {
     runs: Vec<Run>,
@@ -416,8 +426,9 @@ impl Smoothed {
                     until = original.time[k] + 4.0 * length;
                 } else {
                     let h = original.time[k] - original.time[k - 1];
+                    let doubted = doubted(plant, &mut motion, &original, k, &mut normal);
                     for j in 0..n {
-                        let push = noise.acceleration(&original, k, j, false) * normal();
+                        let push = noise.acceleration(&original, k, j, false) * normal() + doubted.get(j).copied().unwrap_or(0.0);
                         motion.state.v[j] += h * push;
                         motion.state.q[j] += 0.5 * h * h * push;
                     }
