@@ -345,7 +345,7 @@ mod tests {
         let mut log = driven(&door(), 2e-5, 1, 0.9, |t| if (1.25 * t) as i32 % 2 == 0 { 0.7 } else { 1.3 });
         let joint = hinge(&mut log);
         for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
-            let kept = |k: usize| k == 0 || k % 160 != 0;
+            let kept = |k: usize| k == 0 || !k.is_multiple_of(160);
             let keep = |all: &[f64]| (0..all.len()).filter(|k| kept(*k)).map(|k| all[k]).collect::<Vec<f64>>();
             *series = Series { time: keep(&series.time), value: keep(&series.value) };
         }
