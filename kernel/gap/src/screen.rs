@@ -67,6 +67,7 @@ impl Try {
 type Begun = (Screened, Option<(Vec<f64>, Change)>);
 
 /// An effect at a place after the screens.
+#[derive(Clone)]
 pub(crate) struct Screened {
     /// Its numbers were fitted in the linear response.
     pub linear: bool,

@@ -79,6 +79,10 @@ const HALF_WAY: f64 = 0.5;
 /// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
 /// further.
 const CLOSE: f64 = 0.8;
+/// What a screen has to promise of an effect, that it is fitted in all data where a part of them shows less of it than such a share of what is to
+/// be expected there.
+const SELDOM: f64 = 100.0;
+const HIDDEN: f64 = 0.2;
 
 impl<'a> Search<'a> {
     pub fn new(model: &ObjectModel, trajectories: &'a [Trajectory]) -> Result<Self, GapError> {
@@ -200,9 +204,21 @@ impl<'a> Search<'a> {
                 let light = self.over(&part.trajectories);
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
-                let begun = light.begun(&part.of(&light, base)?, &views, screened, scale, gain * light.share_of(self));
+                let share = light.share_of(self);
+                let light_base = part.of(&light, base)?;
+                let begun = light.begun(&light_base, &views, screened.clone(), scale, gain * share);
+                // And fitted in all of them, where the part shows less of it than its share.
+                let there = light.evidence(&light_base, scale);
+                let shown = |s: &Screened| {
+                    let same = begun.iter().filter(|c| (c.effect, c.joint) == (s.effect, s.joint));
+                    same.map(|c| c.evidence - there).fold(f64::NEG_INFINITY, f64::max)
+                };
+                let seldom = screened.into_iter().filter(|s| s.worth > SELDOM && shown(s) < HIDDEN * share * s.worth).collect();
+                let again = self.begun(base, &views, seldom, scale, gain);
                 let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
+                begun.extend(again);
                 begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+                one_of_each(&mut begun);
                 self.ended(base, begun, scale, gain)
             }
             Some(part) => {

@@ -118,7 +118,7 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             let k = (20.0 * m * (TAU * 4.0).powi(2)).max(f / (0.01 * r));
             // At the ends of the motion, or as far before them as it takes to stop a joint; a soft one also where the force is.
             let end = |depth: f64, k: f64| [vec![k, 0.1 * k, high - depth, 1.0], vec![k, 0.1 * k, low + depth, -1.0]];
-            let stopped = [0.03 * r, 0.1 * r, 0.25 * r].into_iter().flat_map(|depth| end(depth, m * (v / depth).powi(2)));
+            let stopped = [0.003 * r, 0.03 * r, 0.1 * r, 0.25 * r].into_iter().flat_map(|depth| end(depth, m * (v / depth).powi(2)));
             // A joint may begin a recording beyond its stop, which then throws it out.
             let [bottom, top] = view.usual;
             let passed = [vec![k, 0.1 * k, top - 0.01 * r, 1.0], vec![k, 0.1 * k, bottom + 0.01 * r, -1.0]];
