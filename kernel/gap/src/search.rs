@@ -1,6 +1,6 @@
 //! Which effect is missing: starts from everything the catalogue offers, exact fits of the best, and their evidence.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 use sagci_dynamics::effects;
@@ -73,6 +73,8 @@ const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;
 /// Steps of a first fit in the simulator, and those after which one of an effect's starts is chosen on an arm.
 pub(crate) const QUICK: usize = 5;
+/// How many starts of an effect go on after the first look.
+const AHEAD: usize = 2;
 const LOOK: usize = 2;
 /// Share of a gain that is asked for below which nothing is fitted to the end.
 const HALF_WAY: f64 = 0.5;
@@ -304,7 +306,7 @@ impl<'a> Search<'a> {
             let known = if self.many_joints() || fit.hypothesis.x.starts_with(&base.hypothesis.x) { known } else { Derivatives::ROUGH };
             let fit = fit.improve(&self.problem, scale, effort(rounds), known).ok()?;
             let evidence = self.evidence(&fit, scale);
-            evidence.is_finite().then_some(Candidate { effect, joint, fit, evidence })
+            evidence.is_finite().then_some((Candidate { effect, joint, fit, evidence }, known))
         };
         let best = |candidates: &mut Vec<Candidate>| {
             candidates.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -319,21 +321,25 @@ impl<'a> Search<'a> {
             begins.extend(bodies.map(|given| (effect, joint, given)));
             begins.push((effect, joint, hypothesis));
         }
-        let rounds = if self.many_joints() { LOOK } else { QUICK };
-        let mut begun: Vec<Candidate> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h, rounds)).collect();
+        let mut begun: Vec<_> = begins.into_par_iter().filter_map(|(e, j, h)| first(e, j, h, LOOK)).collect();
+        // Most starts of an effect come to one end: those that are ahead go on, where the derivatives that led them there nearly hold.
+        begun.sort_by(|(a, _), (b, _)| b.evidence.total_cmp(&a.evidence));
+        let mut places: BTreeMap<(&str, Option<usize>), usize> = BTreeMap::new();
+        let ahead = if self.many_joints() { 1 } else { AHEAD };
+        begun.retain(|(c, _)| {
+            let place = places.entry((c.effect, c.joint)).or_default();
+            *place += 1;
+            *place <= ahead
+        });
+        let go_on = |(c, known): (Candidate, Derivatives<'_>)| {
+            let fit = c.fit.improve(&self.problem, scale, effort(QUICK - LOOK), Derivatives { kept: true, ..known }).ok()?;
+            let evidence = self.evidence(&fit, scale);
+            evidence.is_finite().then_some(Candidate { fit, evidence, ..c })
+        };
+        let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(go_on).collect();
         best(&mut begun);
-        // Most starts of an effect come to one end: on an arm the one that is ahead goes on, where the derivatives that led it there nearly hold.
-        if self.many_joints() {
-            let go_on = |c: Candidate| {
-                let fit = c.fit.improve(&self.problem, scale, effort(QUICK - LOOK), Derivatives { kept: true, ..known }).ok()?;
-                let evidence = self.evidence(&fit, scale);
-                evidence.is_finite().then_some(Candidate { fit, evidence, ..c })
-            };
-            begun = begun.into_par_iter().filter_map(go_on).collect();
-            best(&mut begun);
-        }
         let beside = |c: &Candidate| -> Vec<Candidate> {
-            let begin = |(name, hypothesis)| first(name, c.joint, hypothesis, QUICK);
+            let begin = |(name, hypothesis)| Some(first(name, c.joint, hypothesis, QUICK)?.0);
             self.neighbours_of(base, views, c).into_iter().filter_map(begin).collect()
         };
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).flat_map_iter(beside).collect();
