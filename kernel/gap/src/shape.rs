@@ -12,13 +12,23 @@ use crate::view::SELDOM;
 /// Share of its way that a joint goes into a stop, at the most: what gives way by more does not stop it. But for a few moments, as where a
 /// recording begins beyond a stop that throws the joint out.
 const DEEPEST: f64 = 0.25;
+/// How many times as heavy as its link a payload is, at the most.
+const HEAVIEST: f64 = 20.0;
 
 impl Search<'_> {
     /// Has each effect of a fit the shape that its name stands for?
     pub fn is_shaped(&self, fit: &Fit) -> bool {
+        let model = &fit.hypothesis.model;
+        let link = |j: usize| &model.links[model.joints[self.joints[j]].child].inertial;
         named(fit).iter().all(|(entry, description, values)| {
             let joint = entry.joint.as_ref().and_then(|name| self.names.iter().position(|n| n == name));
-            description.is_shaped(values) && (entry.effect != "hard_stop" || joint.is_none_or(|j| self.stops(j, values)))
+            let has_it = |j: usize| match entry.effect.as_str() {
+                "hard_stop" => self.stops(j, values),
+                // Where all that a joint moves is uncertain, a mass that nothing moves says why it goes on as it went.
+                "payload" => values.first().is_none_or(|mass| *mass < HEAVIEST * link(j).mass),
+                _ => true,
+            };
+            description.is_shaped(values) && joint.is_none_or(has_it)
         })
     }
 
