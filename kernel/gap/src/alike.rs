@@ -72,6 +72,11 @@ pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
     }
 }
 
+/// Are two names a late input and a late stamp? In one log that is one lateness, and not two that add up.
+pub(crate) fn is_one_lateness(one: &str, other: &str) -> bool {
+    matches!((one, other), ("clock_skew", "transport_delay") | ("transport_delay", "clock_skew"))
+}
+
 /// Are the scale error and the rate of an effect of a fit, by its entry, nothing?
 fn is_constant(fit: &Fit, entry: usize) -> bool {
     !fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).enumerate().any(|(i, (f, x))| {

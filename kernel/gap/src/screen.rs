@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use sagci_dynamics::effects::{self, Acts, Effect};
 
 use crate::GapError;
+use crate::alike;
 use crate::fit::{Fit, Problem};
 use crate::flexible;
 use crate::hypothesis::Hypothesis;
@@ -150,7 +151,8 @@ impl Search<'_> {
             for joint in places {
                 let at = joint.unwrap_or(0);
                 let named = joint.map(|j| self.names[j].as_str());
-                let there = |e: &sagci_model::EffectEntry| e.effect == description.name && e.joint.as_deref() == named;
+                let is_it = |name: &str| name == description.name || alike::is_one_lateness(name, description.name);
+                let there = |e: &sagci_model::EffectEntry| is_it(&e.effect) && e.joint.as_deref() == named;
                 if joint.is_some_and(|j| self.still[j])
                     || !observable(description.name, self.seen[at])
                     || description.acts == Acts::Losses && !self.wears(base, at)
@@ -370,9 +372,11 @@ fn along(change: &Change, span: &Span, [least, most]: [f64; 2]) -> (f64, f64) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::tests::door;
+    use crate::tests::{door, swing};
+    use crate::trajectory::Trajectory;
 
     fn screened(effect: &'static str, linear: bool, plain: bool, worth: f64) -> Vec<Screened> {
         vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, plain }]
@@ -429,5 +433,21 @@ mod tests {
         all.push(screened("torque_bias", true, true, 504.0));
         let kept = kept(all);
         assert!(kept.contains(&"torque_bias") && !kept.contains(&"hard_stop"), "{kept:?}");
+    }
+
+    /// What stamps positions late may stamp efforts late, too, and a part of that looks like a drive's delay.
+    #[test]
+    fn a_lateness_is_not_looked_for_beside_another() {
+        let mut log = swing(&door(), 1e-4, 1);
+        log.joints[0].command = log.joints[0].effort.clone().map(|sent| (sagci_recording::CommandKind::Effort, sent));
+        let logs = [Trajectory::new(&log, &door()).unwrap()];
+        let search = Search::new(&door(), &logs).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let views = search.views(&base, 1.0).unwrap();
+        let sought = |base: &Fit, name: &str| search.tries(base, &views).iter().any(|t| t.effect.description().name == name);
+        assert!(sought(&base, "transport_delay") && sought(&base, "clock_skew"));
+        let late = base.hypothesis.with("clock_skew", Some("hinge"), &[0.013]).unwrap();
+        let late = Fit::start(&search.problem, late).unwrap();
+        assert!(!sought(&late, "transport_delay") && !sought(&late, "clock_skew") && sought(&late, "actuator_lag"));
     }
 }
