@@ -13,6 +13,7 @@ use crate::hypothesis::{Fitted, Hypothesis};
 use crate::memory::Memory;
 use crate::noise;
 use crate::observer::{self, Disturbance, Errors, Run};
+use crate::part::Part;
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbours, observable};
@@ -203,25 +204,9 @@ impl<'a> Search<'a> {
         let mut all = match self.part(scale) {
             None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
             Some(part) if !self.many_joints() => {
-                let light = self.over(&part.trajectories);
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
-                let share = light.share_of(self);
-                let light_base = part.of(&light, base)?;
-                let begun = light.begun(&light_base, &views, screened.clone(), scale, gain * share);
-                // And fitted in all of them, where the part shows less of it than its share.
-                let there = light.evidence(&light_base, scale);
-                let shown = |s: &Screened| {
-                    let same = begun.iter().filter(|c| (c.effect, c.joint) == (s.effect, s.joint));
-                    same.map(|c| c.evidence - there).fold(f64::NEG_INFINITY, f64::max)
-                };
-                let seldom = screened.into_iter().filter(|s| s.worth > SELDOM && shown(s) < HIDDEN * share * s.worth).collect();
-                let again = self.begun(base, &views, seldom, scale, gain);
-                let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
-                begun.extend(again);
-                begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-                one_of_each(&mut begun);
-                self.ended(base, begun, scale, gain)
+                self.ended(base, self.begun_by_part(base, &views, &part, screened, scale, gain)?, scale, gain)
             }
             Some(part) => {
                 let light = self.over(&part.trajectories);
@@ -246,6 +231,34 @@ impl<'a> Search<'a> {
         self.rank(&mut all, scale);
         self.ask_neighbours(base, &views, &mut all, scale);
         Ok(all)
+    }
+
+    /// First fits over a part of the data, as all of them see what these come to; over all of them of what the part shows much less of than its share.
+    fn begun_by_part(
+        &self,
+        base: &Fit,
+        views: &[JointView],
+        part: &Part,
+        screened: Vec<Screened>,
+        scale: f64,
+        gain: f64,
+    ) -> Result<Vec<Candidate>, GapError> {
+        let light = self.over(&part.trajectories);
+        let share = light.share_of(self);
+        let there = part.of(&light, base)?;
+        let begun = light.begun(&there, views, screened.clone(), scale, gain * share);
+        let here = light.evidence(&there, scale);
+        let shown = |s: &Screened| {
+            let same = begun.iter().filter(|c| (c.effect, c.joint) == (s.effect, s.joint));
+            same.map(|c| c.evidence - here).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let seldom = screened.into_iter().filter(|s| s.worth > SELDOM && shown(s) < HIDDEN * share * s.worth).collect();
+        let again = self.begun(base, views, seldom, scale, gain);
+        let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
+        begun.extend(again);
+        begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        one_of_each(&mut begun);
+        Ok(begun)
     }
 
     /// Where the fit of the best has come to its end, its neighbours begin there as well: where they began beside its own beginning they may have

@@ -8,7 +8,7 @@ use crate::hypothesis::Hypothesis;
 use crate::plant::Plant;
 use crate::search::Search;
 use crate::starts::{JointView, neighbours, starts, sum};
-use crate::tests::{door, led, swing, with};
+use crate::tests::{door, driven, led, swing, with};
 use crate::trajectory::Trajectory;
 
 /// The peaks of efforts that pushes make are a hundred times what acts most of the time.
@@ -253,6 +253,30 @@ fn small_turns_of_an_axis_add_as_vectors() {
     assert!((rotation - Vector3::new(0.3, 0.0, -0.4) * turned).norm() < 1e-12, "{all:?}");
     assert!((Vector3::new(all[4], all[5], all[6]) - Vector3::new(2.0, 0.0, -1.0) * moved).norm() < 1e-12, "{all:?}");
     assert_eq!(sum("payload", &parts), None);
+}
+
+/// The part of the data in which a search begins leaves the fourth second of each recording out, and in that of one alone is the stop reached.
+#[test]
+fn what_a_part_of_the_data_never_shows_is_begun_in_all_of_them() {
+    let stop = [("stiffness", 400.0), ("dissipation", 30.0), ("position", 1.9), ("side", 1.0)];
+    let truth = with(&door(), "hard_stop", &stop);
+    let usual = |t: f64| 0.9 + 0.5 * (1.1 * t).sin() + 0.2 * (2.9 * t).cos();
+    let pushed = |t: f64| match t {
+        2.9..3.4 => 4.0,
+        3.4..3.9 => -1.0,
+        _ => usual(t),
+    };
+    let way = |seed: u64, t: f64| if seed == 1 { pushed(t) } else { usual(t + seed as f64) };
+    let logs: Vec<Log> = (1..5).map(|seed| driven(&truth, 2e-4, seed, 0.9, |t| way(seed, t))).collect();
+    let trajectories: Vec<Trajectory> = logs.iter().map(|log| Trajectory::new(log, &door()).unwrap()).collect();
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let base = search.known(&door(), 1.0).unwrap();
+    let scale = search.scale(&base);
+    let part = search.part(scale).unwrap();
+    let beyond = |all: &[Trajectory]| all.iter().flat_map(|t| t.positions(0)).filter(|q| *q > 1.9).count();
+    assert!(beyond(&trajectories) > 5 && beyond(&part.trajectories) == 0, "{} {}", beyond(&trajectories), beyond(&part.trajectories));
+    let first = search.stage(&base, scale).unwrap().swap_remove(0);
+    assert_eq!(first.effect, "hard_stop");
 }
 
 /// The force that the filter shows lags behind a joint that passes several periods while the filter takes it in.
