@@ -11,7 +11,7 @@ use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log, Series, WrenchLog};
 
 use crate::GapError;
-use crate::trajectory::{SAME_TIME, joint_names};
+use crate::trajectory::{Drive, SAME_TIME, joint_names};
 
 /// Over a longer time than this, s, nobody knows what acted between two samples: the first is held.
 const HOLE: f64 = 0.1;
@@ -56,6 +56,20 @@ pub(crate) fn followed<'a>(joint: &'a JointLog, law: Option<&ActuatorLaw>) -> Op
 /// The law of a joint's drive.
 pub(crate) fn law_of<'a>(model: &'a ObjectModel, joint: &str) -> Option<&'a ActuatorLaw> {
     model.document.actuators.iter().find(|a| a.joint == joint).map(|a| &a.law)
+}
+
+/// Effort of a drive by its input, where nothing limits it: N m/rad or N m/V, or 1; N for N m and m for rad where a joint slides.
+pub(crate) fn per_input(drive: Drive, law: Option<&ActuatorLaw>) -> f64 {
+    match (drive, law) {
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::PositionServo { stiffness, .. })) => *stiffness,
+        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. })) => {
+            gain.unwrap_or(0.0) * (torque_constant / resistance)
+        }
+        (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
+            torque_constant / resistance
+        }
+        _ => 1.0,
+    }
 }
 
 impl Inputs {

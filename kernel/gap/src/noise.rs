@@ -7,6 +7,7 @@ use crate::observer::{DriveSlopes, Noise};
 use sagci_model::ActuatorLaw;
 use sagci_recording::CommandKind;
 
+use crate::inputs::per_input;
 use crate::trajectory::{Drive, Trajectory};
 
 /// Number of points of a divided difference; it is blind to polynomials of a degree less than this minus one.
@@ -130,20 +131,6 @@ pub(crate) fn liveliness(trajectory: &Trajectory, joint: usize) -> Vec<f64> {
         if count > 0 { (near.iter().flatten().sum::<f64>() / count as f64).sqrt() } else { 0.0 }
     };
     (0..y.len()).map(around).collect()
-}
-
-/// Effort of a drive by its input, where nothing limits it: N m/rad or N m/V, or 1; N for N m and m for rad where a joint slides.
-pub(crate) fn per_input(drive: Drive, law: Option<&ActuatorLaw>) -> f64 {
-    match (drive, law) {
-        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::PositionServo { stiffness, .. })) => *stiffness,
-        (Drive::Command(CommandKind::Position), Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. })) => {
-            gain.unwrap_or(0.0) * torque_constant / resistance
-        }
-        (Drive::Command(CommandKind::Voltage), Some(ActuatorLaw::DcMotor { torque_constant, resistance, .. })) => {
-            torque_constant / resistance
-        }
-        _ => 1.0,
-    }
 }
 
 /// RMS of the efforts on a joint around each row: measured, commanded, or what a drive's law makes of a command and the position.

@@ -8,6 +8,7 @@ use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
+use crate::inputs::per_input;
 use crate::observer::DriveSlopes;
 use crate::stops::Stops;
 use crate::trajectory::{Drive, Trajectory};
@@ -272,15 +273,15 @@ impl Plant {
 
     /// How the effort of the drive of joint `j` answers while nothing limits it.
     fn slopes(&self, j: usize, kind: CommandKind) -> DriveSlopes {
-        match &self.laws[j] {
-            Some(ActuatorLaw::PositionServo { stiffness, damping, .. }) => DriveSlopes { input: *stiffness, q: -stiffness, v: -damping },
-            Some(ActuatorLaw::DcMotor { torque_constant, resistance, gain, .. }) => {
-                let per_volt = torque_constant / resistance;
-                let per_radian = gain.unwrap_or(0.0) * per_volt;
-                let input = if kind == CommandKind::Position { per_radian } else { per_volt };
-                DriveSlopes { input, q: -per_radian, v: -torque_constant * per_volt }
+        let law = self.laws[j].as_ref();
+        let by = |kind: CommandKind| per_input(Drive::Command(kind), law);
+        let (input, by_position) = (by(kind), by(CommandKind::Position));
+        match law {
+            Some(ActuatorLaw::PositionServo { damping, .. }) => DriveSlopes { input, q: -by_position, v: -damping },
+            Some(ActuatorLaw::DcMotor { torque_constant, .. }) => {
+                DriveSlopes { input, q: -by_position, v: -torque_constant * by(CommandKind::Voltage) }
             }
-            _ => DriveSlopes { input: 1.0, q: 0.0, v: 0.0 },
+            _ => DriveSlopes { input, q: 0.0, v: 0.0 },
         }
     }
 

@@ -7,7 +7,7 @@ use sagci_model::ObjectModel;
 use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::GapError;
-use crate::inputs::{Inputs, followed, law_of};
+use crate::inputs::{Inputs, followed, law_of, per_input};
 use crate::noise;
 use crate::plant::Plant;
 
@@ -132,7 +132,7 @@ impl Trajectory {
         for (name, doubts) in doubts.iter().filter(|(_, doubts)| !doubts.time.is_empty()) {
             let Some(j) = names.iter().position(|n| n == name) else { continue };
             self.doubt.resize(self.rows() * n, 0.0);
-            let effort = noise::per_input(self.drive[j], law_of(model, name));
+            let effort = per_input(self.drive[j], law_of(model, name));
             for (t, doubt) in doubts.time.iter().zip(&doubts.value) {
                 let next = self.time.partition_point(|x| *x <= t + SAME_TIME);
                 if let Some(at) = self.doubt.get_mut(next * n + j) {
