@@ -154,11 +154,13 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             each(&|limit| vec![limit.max(1e-6)], &limits)
         }
         "payload" => {
-            // Where the link has its mass, and, where gravity tells, as far from there to all sides of the axis.
+            // Where the link has its mass, and, where gravity tells, as far from there to all sides of the axis, and beyond it.
             let center = nalgebra::Vector3::from(view.p_LoLcm);
+            let axis = nalgebra::Vector3::from(view.axis);
+            let beyond = 2.0 * axis.dot(&center) * axis - center;
             let reach = center.norm().max(0.05);
             let around = across(view.axis).into_iter().flat_map(|d| [center + reach * d, center - reach * d]);
-            let around = around.filter(|_| view.hangs);
+            let around = around.chain([beyond]).filter(|_| view.hangs);
             std::iter::once(center).chain(around).map(|p| vec![0.2 * view.mass, p.x, p.y, p.z]).collect()
         }
         "joint_axis_error" => {

@@ -100,6 +100,15 @@ fn a_payload_beside_the_links_center_is_begun_near() {
     }
 }
 
+/// It may balance the link: from the link's own side no fit passes the axis, where it would weigh nothing.
+#[test]
+fn a_payload_beyond_the_axis_is_begun_there() {
+    let view = view();
+    let center = Vector3::from(view.p_LoLcm);
+    let beyond = |v: &[f64]| Vector3::new(v[1], v[2], v[3]).dot(&center) < -0.5 * center.norm_squared();
+    assert!(starts("payload", &view).iter().any(|v| beyond(v)));
+}
+
 /// By one log a late input and a late stamp are one lateness; a clock that runs ahead is none of an input's.
 #[test]
 fn a_late_clock_begins_where_the_late_input_that_imitates_it_ended() {
