@@ -78,8 +78,10 @@ impl Choice {
         // What does not drift has a plain name, and is not named twice.
         let is_plain = |c: &Candidate| plain_name(c).is_some_and(|name| candidates.iter().any(|o| (o.effect, o.joint) == (name, c.joint)));
         let elsewhere = |c: &Candidate| c.joint != itself.joint && c.effect == itself.effect;
-        // What says more by no more numbers, and has not taken the place, is not out.
-        let no_less = |c: &Candidate, less: f64| less.abs() < ALIKE || less < 0.0 && numbers(c) <= numbers(&itself);
+        // What says more by no more numbers, or of another channel, and has not taken the place, is not out.
+        let no_less = |c: &Candidate, less: f64| {
+            less.abs() < ALIKE || less < 0.0 && (numbers(c) <= numbers(&itself) || channel(c.effect) != channel(itself.effect))
+        };
         let rival = |(c, less): &&(&Candidate, f64)| no_less(c, *less) && !elsewhere(c) && !is_plain(c) && says_more(c);
         let rivals = beside.iter().filter(rival).map(|(c, _)| (*c).clone());
         self.alike = std::iter::once(itself.clone()).chain(rivals).collect();

@@ -241,9 +241,10 @@ impl<'a> Search<'a> {
         let Some(two) = second.first() else { return Ok(()) };
         let gap = self.gap(model, window);
         let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
-        // Two names ask for more than one does.
+        // Two names ask for more than one does, and give way to one that says more.
         let says_more = || self.is_convincing(model, &best.fit, &two.fit, two.evidence - best.evidence, window);
-        if self.force_between(&two.fit, &best.fit)? < SAME || says_more() || nearly() {
+        let says_less = || self.is_convincing(model, &two.fit, &best.fit, best.evidence - two.evidence, window);
+        if self.force_between(&two.fit, &best.fit)? < SAME && !says_less() || says_more() || nearly() {
             let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
             candidates[..=at].rotate_right(1);
         }
