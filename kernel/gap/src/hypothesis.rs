@@ -106,6 +106,9 @@ const WIDE: f64 = 4.0;
 /// How far a logarithm may move from its prior, in standard deviations; keeps numbers finite.
 const REACH: f64 = 12.0;
 
+/// Standard deviation of what lies anywhere within a tolerance, as a share of that: 1 / sqrt(3).
+const EVENLY: f64 = 0.577_350_269_189_625_8;
+
 /// A number whose whole prior moves the errors by less than this share of their noise is not seen.
 const SEEN: f64 = 0.3;
 
@@ -139,14 +142,14 @@ impl Hypothesis {
                 continue;
             }
             if tolerance.mass > 0.0 {
-                let (bounds, prior) = ([-tolerance.mass, tolerance.mass], [0.0, tolerance.mass]);
+                let (bounds, prior) = ([-tolerance.mass, tolerance.mass], [0.0, EVENLY * tolerance.mass]);
                 push(Knob::Mass(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
                 push(Knob::Inertia(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
             }
             if tolerance.center_of_mass > 0.0 {
                 for axis in 0..3 {
                     let t = tolerance.center_of_mass;
-                    push(Knob::CenterOfMass(l, axis), "m", false, [-t, t], [0.0, t], 0.05 * t, 0.0);
+                    push(Knob::CenterOfMass(l, axis), "m", false, [-t, t], [0.0, EVENLY * t], 0.05 * t, 0.0);
                 }
             }
         }
