@@ -82,7 +82,7 @@ pub(crate) fn left_over(
     // off, nor those that all was fitted to by more than what any model is off by.
     let by_chance = match named {
         Named::Something | Named::Near => near(unseen),
-        Named::NamelessWon | Named::Nothing => !(far || is_large && gap.train.is_far()),
+        Named::NamelessWon | Named::Nothing => !(far || is_large && gap.train.is_far() && gap.train.is_mostly_far()),
     };
     let in_doubt = at_the_floor || named == Named::Something && search.problem.disturbance.effort[*joint] > 0.0;
     let shows = is_there && (!by_chance || search.is_plain(current, nameless)) && (!in_doubt || holds(search, current, *joint, nameless)?);
