@@ -65,6 +65,9 @@ pub(crate) struct Problem<'a> {
     pub effort_drift: &'a [[f64; 2]],
 }
 
+/// A tilt a quarter of a turn from another: both together are one of any phase.
+const TILT_ACROSS: &str = "hinge_tilt across";
+
 /// Simpler effects, or those most like it: several that are tried together, or others instead.
 fn neighbours(name: &str) -> &'static [&'static [&'static str]] {
     match name {
@@ -82,7 +85,8 @@ fn neighbours(name: &str) -> &'static [&'static [&'static str]] {
         "joint_spring" | "hinge_tilt" | "sensor_drift" | "encoder_offset" => &[&["torque_bias"]],
         "joint_elasticity" => &[&["armature_inertia", "viscous_friction"]],
         "actuator_saturation" => &[&["torque_gain"]],
-        "payload" => &[&["armature_inertia"]],
+        // A weight near the axis pulls as a tilt does.
+        "payload" => &[&["armature_inertia"], &["hinge_tilt", TILT_ACROSS]],
         _ => &[],
     }
 }
@@ -121,11 +125,13 @@ fn hypothesis(problem: &Problem, names: &[&str], x: &[f64], longest: f64) -> Res
             "torque_bias" => vec![("bias", *value)],
             "joint_spring" => vec![("stiffness", *value), ("rest_position", middle)],
             "armature_inertia" => vec![("inertia", *value)],
+            "hinge_tilt" => vec![("amplitude", *value), ("phase", 0.0)],
+            TILT_ACROSS => vec![("amplitude", *value), ("phase", std::f64::consts::FRAC_PI_2)],
             "torque_gain" => vec![("gain_error", *value)],
             _ => vec![],
         };
         effects.push(EffectEntry {
-            effect: (*name).into(),
+            effect: if *name == TILT_ACROSS { "hinge_tilt" } else { name }.into(),
             joint: Some(body.joints[j].name.clone()),
             parameters: parameters.into_iter().map(|(k, v)| (k.to_owned(), v)).collect(),
             ..EffectEntry::default()
@@ -252,7 +258,7 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
             let (size, lower) = match *name {
                 "viscous_friction" => (effort / velocity, 0.0),
                 "coulomb_friction" => (effort, 0.0),
-                "torque_bias" => (effort, f64::NEG_INFINITY),
+                "torque_bias" | "hinge_tilt" | TILT_ACROSS => (effort, f64::NEG_INFINITY),
                 "joint_spring" => (effort / (range[1] - range[0]), f64::NEG_INFINITY),
                 "armature_inertia" => (m, 0.0),
                 _ => (1.0, f64::NEG_INFINITY),
@@ -280,13 +286,17 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
             for k in 0..free.len() {
                 H[(k, k)] += ridge;
             }
-            let Some(step) = H.lu().solve(&g) else { break };
             let before = r.norm_squared();
             let mut gained = 0.0;
-            for shorter in [1.0, 0.4, 0.1] {
+            for damping in [0.0, 1e-3, 1e-2, 0.1, 1.0] {
+                let mut damped = H.clone();
+                for k in 0..free.len() {
+                    damped[(k, k)] *= 1.0 + damping;
+                }
+                let Some(step) = damped.lu().solve(&g) else { break };
                 let mut next = x.clone();
                 for (s, &k) in step.iter().zip(&free) {
-                    next[k] = (x[k] - shorter * s * unknown[k].step).clamp(unknown[k].lower, unknown[k].upper);
+                    next[k] = (x[k] - s * unknown[k].step).clamp(unknown[k].lower, unknown[k].upper);
                 }
                 if next.iter().any(|x| !x.is_finite()) {
                     break;
@@ -307,7 +317,7 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
     let known = fit(&[], 2)?;
     let mut beyond = known;
     for names in neighbours(problem.entry) {
-        beyond = beyond.min(fit(names, 3)?);
+        beyond = beyond.min(fit(names, 15)?);
     }
     let rms = (plain.iter().map(|e| e * e).sum::<f64>() / plain.len().max(1) as f64).sqrt();
     Ok(Detectability { rms, snr: snr(known), snr_beyond_neighbours: snr(beyond) })
