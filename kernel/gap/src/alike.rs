@@ -1,6 +1,7 @@
 //! Names that no data of some kind can tell apart, however well one of them fits: what follows from the equations alone.
 //!
-//! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it.
+//! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it. A stamp that is
+//!   ahead is no input's: none comes before it was sent.
 //! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
 //!   constant, where gravity already acts.
 //! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine; on one that slides gravity is a
@@ -15,7 +16,7 @@ use sagci_model::EffectEntry;
 
 use crate::choice::Choice;
 use crate::fit::Fit;
-use crate::hypothesis::Knob;
+use crate::hypothesis::{Fitted, Knob};
 use crate::search::{Candidate, Search, entries};
 use crate::starts::Seen;
 use crate::trajectory::Trajectory;
@@ -39,6 +40,8 @@ pub(crate) struct Circumstances {
     pub constant: bool,
     /// It is one of the effort.
     pub of_effort: bool,
+    /// It is that of a clock that is ahead.
+    pub ahead: bool,
 }
 
 /// Names that data of such a joint cannot tell from `name`.
@@ -46,7 +49,7 @@ pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
     let short = at.turns && at.range < SHORT;
     match name {
         "transport_delay" if at.seen.commanded => &["clock_skew"],
-        "clock_skew" if at.seen.commanded => &["transport_delay"],
+        "clock_skew" if at.seen.commanded && !at.ahead => &["transport_delay"],
         "joint_spring" if short => &["hinge_tilt"],
         "hinge_tilt" if short && at.alone && at.seen.weighed => &["joint_spring", "encoder_offset", "joint_axis_error"],
         "hinge_tilt" if at.alone && at.seen.weighed => &["encoder_offset", "joint_axis_error"],
@@ -118,6 +121,7 @@ impl Search<'_> {
         let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_ref() == Some(&joint.name);
         let entry = model.document.effects.iter().position(is_it);
         let of_effort = entry.is_some_and(|e| model.document.effects[e].choices.get("of").is_some_and(|of| of == "effort"));
+        let is_ahead = |(f, x): (&Fitted, &f64)| matches!(f.knob, Knob::Effect(e, "skew") if Some(e) == entry) && f.value(*x) < 0.0;
         let at = Circumstances {
             alone: self.names.len() == 1,
             turns: joint.kind != sagci_model::JointKind::Prismatic,
@@ -125,6 +129,7 @@ impl Search<'_> {
             seen: self.seen[j],
             constant: entry.is_none_or(|e| is_constant(fit, e)),
             of_effort,
+            ahead: fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).any(is_ahead),
         };
         alike(choice.best.effect, at)
     }

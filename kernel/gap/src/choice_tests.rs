@@ -116,13 +116,22 @@ fn an_idle_number_makes_a_plainer_name_of_its_own_kind_alone() {
 #[test]
 fn a_drift_without_a_rate_is_an_offset() {
     let seen = Seen { commanded: false, read: false, one_way: false, weighed: true };
-    let drift = Circumstances { alone: false, turns: true, range: 3.0, seen, constant: true, of_effort: false };
+    let drift = Circumstances { alone: false, turns: true, range: 3.0, seen, constant: true, of_effort: false, ahead: false };
     assert_eq!(alike_by_equations("sensor_drift", drift), ["encoder_offset"]);
     assert_eq!(alike_by_equations("sensor_drift", Circumstances { of_effort: true, ..drift }), ["torque_bias"]);
     assert_eq!(alike_by_equations("sensor_drift", Circumstances { constant: false, ..drift }), [""; 0]);
     // The effort that is read beside a command drives nothing.
     let commanded = Circumstances { of_effort: true, seen: Seen { commanded: true, read: true, ..seen }, ..drift };
     assert_eq!(alike_by_equations("sensor_drift", commanded), [""; 0]);
+}
+
+/// No input acts before it was sent: a clock that is ahead is the clock alone.
+#[test]
+fn a_clock_that_is_ahead_is_no_late_drive() {
+    let seen = Seen { commanded: true, read: false, one_way: false, weighed: true };
+    let late = Circumstances { alone: true, turns: true, range: 3.0, seen, constant: false, of_effort: false, ahead: false };
+    assert_eq!(alike_by_equations("clock_skew", late), ["transport_delay"]);
+    assert_eq!(alike_by_equations("clock_skew", Circumstances { ahead: true, ..late }), [""; 0]);
 }
 
 #[test]

@@ -88,7 +88,8 @@ pub fn indistinguishable(entry: &sagci_model::EffectEntry, at: &Circumstances) -
     let mut names = Vec::new();
     match entry.effect.as_str() {
         "transport_delay" => names.push("clock_skew"),
-        "clock_skew" => names.push("transport_delay"),
+        // No input comes before it was sent.
+        "clock_skew" if p("skew") > 0.0 => names.push("transport_delay"),
         "joint_spring" if short => names.push("hinge_tilt"),
         "hinge_tilt" => {
             if short {
