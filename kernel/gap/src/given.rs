@@ -12,6 +12,8 @@ use crate::{GapError, unheeded, windows};
 const LEAST_IN_WINDOW: usize = 10;
 /// A joint was brought elsewhere if it is so much of its range from where it was, and farther than it ever goes from one sample to the next.
 const ELSEWHERE: f64 = 0.05;
+/// The same where no time passed: so many times as far as it ever goes from one sample to the next.
+const LEAP: f64 = 3.0;
 
 /// A model and its data.
 pub(crate) struct Given<'a> {
@@ -108,8 +110,14 @@ fn was_brought(before: &Log, after: &Log) -> bool {
         let (Some(end), Some(first)) = (before.last(), after.first()) else { return false };
         let usual = usual_step(&after.iter().map(|a| a.0).collect::<Vec<_>>()).unwrap_or(0.0);
         let (low, high) = after.iter().fold((f64::MAX, f64::MIN), |(low, high), (_, y)| (low.min(*y), high.max(*y)));
-        let at_once = after.windows(2).filter(|w| w[1].0 - w[0].0 < 1.5 * usual).map(|w| (w[1].1 - w[0].1).abs()).fold(0.0, f64::max);
-        first.0 - end.0 > (CUT.0 * usual).max(CUT.1) && (first.1 - end.1).abs() > at_once.max(ELSEWHERE * (high - low))
+        let at_once = |seen: &[(f64, f64)]| {
+            seen.windows(2).filter(|w| w[1].0 - w[0].0 < 1.5 * usual).map(|w| (w[1].1 - w[0].1).abs()).fold(0.0, f64::max)
+        };
+        let far = (first.1 - end.1).abs();
+        let paused = first.0 - end.0 > (CUT.0 * usual).max(CUT.1);
+        // Without a pause the clock alone went on: no joint goes so far from one sample to the next.
+        let leaps = far > LEAP * at_once(&before).max(at_once(&after));
+        (paused || leaps) && far > at_once(&after).max(ELSEWHERE * (high - low))
     })
 }
 

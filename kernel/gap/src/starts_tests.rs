@@ -238,12 +238,15 @@ fn noise_of_a_joint_that_rests_and_a_cut_end_no_session() {
         assert!(going_on(&[log(0.0, 0.0), log(3.0, rests)])[1].continues, "noise alone ends a session");
     }
     assert!(!going_on(&[log(0.0, 0.0), log(3.0, 100.0)])[1].continues, "a joint was brought elsewhere");
-    let (whole, mut rest) = (log(0.0, 0.0), log(0.0, 0.0));
-    rest.joints[0].position.time.iter_mut().for_each(|t| *t += 2.0);
-    rest.joints[0].position.value.iter_mut().for_each(|q| *q += 0.3);
-    rest.joints[1].position.time.iter_mut().for_each(|t| *t += 2.0);
-    rest.continues = true;
-    assert!(going_on(&[whole, rest])[1].continues, "no time passed in which it was brought anywhere");
+    let goes_on = |by: f64| {
+        let (whole, mut rest) = (log(0.0, 0.0), log(0.0, 0.0));
+        rest.joints.iter_mut().for_each(|j| j.position.time.iter_mut().for_each(|t| *t += 2.0));
+        rest.joints[0].position.value.iter_mut().for_each(|q| *q += by);
+        rest.continues = true;
+        going_on(&[whole, rest])[1].continues
+    };
+    assert!(goes_on(0.04), "no time passed in which it was brought anywhere");
+    assert!(!goes_on(0.3), "twenty times as far as it goes in a row: the clock alone went on");
 }
 
 /// Errors of an axis that are small add up as vectors, whatever share each has; what is no sum of its starts has none.
