@@ -6,7 +6,7 @@ use sagci_recording::{JointLog, Log};
 
 use crate::locked::Locked;
 use crate::trajectory::{CUT, Trajectory, usual_step};
-use crate::{GapError, unheeded, windows};
+use crate::{GapError, stops, unheeded, windows};
 
 /// Fewer samples in a window do not tell how a joint moves there.
 const LEAST_IN_WINDOW: usize = 10;
@@ -56,12 +56,28 @@ impl<'a> Given<'a> {
             ));
             (train, unseen) = (on_grid(&all.iter().collect::<Vec<_>>())?, Vec::new());
         }
+        leave_out_stops(&locked.model, [&mut train, &mut unseen], window, &mut notes);
         for data in [&train, &unseen] {
             windows::check(data, window)?;
             windows::say_without(data, window, &mut notes);
         }
         notes.extend(train.iter().chain(&unseen).flat_map(|t| t.notes.iter().cloned()));
         Ok(Self { locked, train, unseen, notes })
+    }
+}
+
+/// Leaves out what joints do in stops that give way, where windows of a length are in what is left.
+fn leave_out_stops(model: &ObjectModel, [train, unseen]: [&mut Vec<Trajectory>; 2], window: f64, notes: &mut Vec<String>) {
+    let mut said = Vec::new();
+    let soft = stops::soft(model, &train.iter().chain(unseen.iter()).collect::<Vec<_>>(), &mut said);
+    if soft.is_empty() {
+        return;
+    }
+    let clear = [&*train, &*unseen].map(|data| data.iter().map(|t| stops::clear_of(&soft, t)).collect::<Vec<_>>());
+    let has_whole = |data: &[Trajectory]| data.is_empty() || data.iter().any(|t| windows::has_whole(t, window));
+    if clear.iter().all(|data| has_whole(data)) {
+        [*train, *unseen] = clear;
+        notes.append(&mut said);
     }
 }
 

@@ -11,7 +11,7 @@ use crate::hypothesis::Hypothesis;
 use crate::remainder::{learn, remainder};
 use crate::report::{Experiment, Verdict};
 use crate::search::Search;
-use crate::tests::{door, led, swing, with};
+use crate::tests::{door, driven, led, swing, with};
 use crate::trajectory::Trajectory;
 use crate::{Options, find};
 
@@ -180,4 +180,28 @@ fn what_only_held_out_data_show_is_no_missing_gap() {
     assert!(through.effects.is_empty(), "{:?}", through.effects);
     assert_eq!((through.verdict, away.verdict), (Verdict::Unknown, Verdict::NoGap), "{:?} {:?}", through.gap, away.gap);
     assert!(through.unexplained.is_some() && through.next_experiment.is_some());
+}
+
+/// A buffer at the end of the way, as real stops and other simulators' have one: a URDF's limit says nothing of it, and a sensor that reads too low
+/// or a stop elsewhere is none of what is missing.
+#[test]
+fn a_limit_that_gives_way_is_not_named() {
+    let model = door();
+    let soft = |truth: &ObjectModel| {
+        with(truth, "hard_stop", &[("stiffness", 150.0), ("dissipation", 1500.0), ("position", -0.4), ("side", -1.0)])
+    };
+    let record = |truth: &ObjectModel| -> Vec<_> {
+        let way = |seed: u64| move |t: f64| 0.1 + 0.75 * (1.3 * t + seed as f64).sin() + 0.2 * (2.9 * t).cos();
+        (1..4).map(|seed| driven(truth, 1e-4, seed, 0.1, way(seed))).collect()
+    };
+    let asked = |truth: &ObjectModel| {
+        let logs = record(&soft(truth));
+        let options = Options { baselines: false, ..Options::default() };
+        find(&model, &logs[..2], &logs[2..], &options).unwrap().report
+    };
+    let report = asked(&model);
+    assert_eq!(report.verdict, Verdict::NoGap, "{:?} {:?}", report.effects, report.notes);
+    assert!(report.notes.iter().any(|n| n.contains("its lower limit of -0.4, which stops it and gives way")), "{:?}", report.notes);
+    let report = asked(&with(&model, "coulomb_friction", &[("friction", 0.1)]));
+    assert!(report.verdict == Verdict::Named && report.effects[0].name == "coulomb_friction", "{:?}", report.effects);
 }

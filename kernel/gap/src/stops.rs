@@ -80,6 +80,68 @@ pub(crate) fn kept(
     })
 }
 
+/// Shares of a joint's range, of 10 rad or m at the most, by which a stop gives way that is as good as rigid.
+const RIGID: f64 = 0.001;
+/// Deviations of the noise before a limit from which on a joint may touch it.
+const TOUCHES: f64 = 3.0;
+
+/// A limit that stops a joint and gives way: how it does is nothing that a URDF says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Soft {
+    /// Of the joint among the degrees of freedom.
+    column: usize,
+    /// Minus one for the lower limit.
+    side: f64,
+    limit: f64,
+}
+
+/// Limits that give way in some of the data. Says which.
+pub(crate) fn soft(model: &ObjectModel, data: &[&Trajectory], notes: &mut Vec<String>) -> Vec<Soft> {
+    let mut found = Vec::new();
+    for (column, index) in model.moving_joints().enumerate() {
+        let joint = &model.joints[index];
+        let [least, most] = [RIGID, GIVES_WAY].map(|share| share * joint.limits.range().min(10.0));
+        for (at, (name, side, limit)) in [("lower", -1.0, joint.limits.lower), ("upper", 1.0, joint.limits.upper)].into_iter().enumerate() {
+            let mut deepest = 0.0f64;
+            for trajectory in data.iter().copied().filter(|_| limit.is_finite()) {
+                let one = std::slice::from_ref(trajectory);
+                let noise = noise::of_positions(one, column);
+                let gives_way = |e: &Excursion| e.depth > least.max(PAST * noise) && e.depth < most && e.is_stopped(trajectory, noise);
+                let into = || excursions(trajectory, column, |y| side * (y - limit));
+                if kept(model, (index, column), one, &[], &mut Vec::new())[at] {
+                    deepest = into().iter().filter(|e| gives_way(e)).map(|e| e.depth).fold(deepest, f64::max);
+                }
+            }
+            if deepest > 0.0 {
+                notes.push(format!(
+                    "{}: goes up to {deepest:.4} past its {name} limit of {limit}, which stops it and gives way; how it does is nothing that a URDF \
+                     says, and what happens there is left out",
+                    joint.name
+                ));
+                found.push(Soft { column, side, limit });
+            }
+        }
+    }
+    found
+}
+
+/// The same recording without the rows in which a joint touches a limit that gives way, or may by its noise.
+pub(crate) fn clear_of(soft: &[Soft], trajectory: &Trajectory) -> Trajectory {
+    let n = trajectory.joints;
+    let mut touches = vec![false; trajectory.rows()];
+    for Soft { column, side, limit } in soft {
+        let noise = noise::of_positions(std::slice::from_ref(trajectory), *column);
+        for k in 0..trajectory.rows() {
+            if side * (trajectory.position[k * n + column] - limit) > -TOUCHES * noise {
+                // It touched after the row before, and let go before the row behind.
+                touches[k.saturating_sub(1)..(k + 2).min(trajectory.rows())].fill(true);
+            }
+        }
+    }
+    let rows: Vec<usize> = (0..trajectory.rows()).filter(|k| !touches[*k]).collect();
+    trajectory.of_rows(&rows)
+}
+
 /// A stretch of motion past a limit.
 struct Excursion {
     /// Time and how far past the limit, of its samples.
@@ -154,12 +216,16 @@ mod tests {
 
     /// Of the door, whose limits are -0.4 and 2, along a motion.
     fn along(position: impl Fn(f64) -> f64) -> (Stops, Vec<String>) {
+        let mut notes = Vec::new();
+        (kept(&door(), (0, 0), &[recorded(position)], &[], &mut notes), notes)
+    }
+
+    fn recorded(position: impl Fn(f64) -> f64) -> Trajectory {
         let mut trajectory = Trajectory::steady(4000, 0.005, &[0.0], vec![Drive::Free]);
         // Noise of about 1e-5 that is the same every time.
         let noise = |k: usize| 1e-5 * ((k as f64 * 12.9898).sin() * 43758.5453).fract();
         trajectory.position = (0..4000).map(|k| position(k as f64 * 0.005) + noise(k)).collect();
-        let mut notes = Vec::new();
-        (kept(&door(), (0, 0), &[trajectory], &[], &mut notes), notes)
+        trajectory
     }
 
     #[test]
@@ -173,14 +239,33 @@ mod tests {
         assert_eq!(along(|t| 0.8 + (2.0 * t).sin()).0, OPEN);
     }
 
+    /// Thrown against the upper limit: the door slows within milliseconds, so far past it.
+    fn bounce(depth: f64) -> impl Fn(f64) -> f64 {
+        move |t| {
+            let swing = 0.8 + 1.5 * (2.0 * t).sin();
+            if swing > 2.0 { 2.0 + depth * (swing - 2.0).min(0.3) / 0.3 } else { swing }
+        }
+    }
+
+    /// What happens in it is left out, and the motion begins anew behind it; as good as rigid, it tells as much as free motion.
+    #[test]
+    fn a_stop_that_gives_way_tells_nothing() {
+        let mut notes = Vec::new();
+        let trajectory = recorded(bounce(0.01));
+        let found = soft(&door(), &[&trajectory], &mut notes);
+        assert_eq!(found, [Soft { column: 0, side: 1.0, limit: 2.0 }]);
+        assert!(notes.len() == 1 && notes[0].contains("past its upper limit of 2,"), "{notes:?}");
+        let clear = clear_of(&found, &trajectory);
+        assert!(clear.position.iter().all(|y| *y < 2.0) && clear.position.iter().any(|y| *y > 1.98));
+        assert!(clear.rows() > trajectory.rows() / 2 && clear.starts.len() > 5, "{:?}", clear.starts);
+        assert!(soft(&door(), &[&recorded(bounce(0.002))], &mut notes).is_empty());
+        // Gone past without a stop, the limit is not there.
+        assert!(soft(&door(), &[&recorded(|t| 0.85 + 1.18 * (2.0 * t).sin())], &mut notes).is_empty());
+    }
+
     #[test]
     fn a_stop_that_gives_way_a_little_is_kept() {
-        // Thrown against it: it slows within milliseconds.
-        let bounce = |t: f64| {
-            let swing = 0.8 + 1.5 * (2.0 * t).sin();
-            if swing > 2.0 { 2.0 + 0.01 * (swing - 2.0).min(0.3) / 0.3 } else { swing }
-        };
-        assert!(along(bounce).0[1]);
+        assert!(along(bounce(0.01)).0[1]);
         // Pressed against it slowly.
         assert_eq!(along(|t| 0.8 + 1.204 * (0.3 * t).min(1.57).sin()).0, [true, true]);
     }

@@ -325,15 +325,20 @@ impl Trajectory {
     /// One stretch of so many seconds of so many, and the rows of which it is made. They follow one another like multiples of the golden ratio
     /// (Weyl 1916), so that no motion with a period shows them one side alone.
     pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
-        let n = self.joints;
         let turn = |k: &usize| ((self.time[*k] - self.time[0]) / stretch).floor() * GOLDEN_RATIO;
         let kept = |k: &usize| turn(k).fract() * (every as f64) < 1.0;
         let rows: Vec<usize> = (0..self.rows()).filter(kept).collect();
+        (self.of_rows(&rows), rows)
+    }
+
+    /// Some of its rows, in their order: where others are left out it starts anew.
+    pub fn of_rows(&self, rows: &[usize]) -> Self {
+        let n = self.joints;
         let first = |i: usize| i == 0 || rows[i] != rows[i - 1] + 1 || self.starts.contains(&rows[i]);
         let starts: Vec<usize> = (0..rows.len()).filter(|i| first(*i)).collect();
         let entries = || rows.iter().flat_map(|k| k * n..(k + 1) * n);
         let of = |all: &[f64]| entries().map(|i| all[i]).collect();
-        let mut thinned = Self {
+        let mut these = Self {
             source: self.source.clone(),
             hash: self.hash.clone(),
             time: rows.iter().map(|k| self.time[*k]).collect(),
@@ -349,10 +354,10 @@ impl Trajectory {
             starts,
             continues: self.continues,
             joints: n,
-            notes: Vec::new(),
+            notes: self.notes.clone(),
         };
-        thinned.forget_starts();
-        (thinned, rows)
+        these.forget_starts();
+        these
     }
 
     /// Rows just after a start are not counted.
