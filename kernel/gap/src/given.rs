@@ -73,9 +73,14 @@ fn leave_out_stops(model: &ObjectModel, [train, unseen]: [&mut Vec<Trajectory>; 
     if soft.is_empty() {
         return;
     }
-    let clear = [&*train, &*unseen].map(|data| data.iter().map(|t| stops::clear_of(&soft, t)).collect::<Vec<_>>());
-    let has_whole = |data: &[Trajectory]| data.is_empty() || data.iter().any(|t| windows::has_whole(t, window));
-    if clear.iter().all(|data| has_whole(data)) {
+    // What rests in a stop all the time is left out as a whole.
+    let clear_of = |data: &[Trajectory]| -> Vec<Trajectory> {
+        data.iter().map(|t| stops::clear_of(&soft, t)).filter(|t| t.rows() > LEAST_IN_WINDOW).collect()
+    };
+    let clear = [clear_of(train), clear_of(unseen)];
+    let has_whole =
+        |(data, all): (&Vec<Trajectory>, &Vec<Trajectory>)| all.is_empty() || data.iter().any(|t| windows::has_whole(t, window));
+    if clear.iter().zip([&*train, &*unseen]).all(has_whole) {
         [*train, *unseen] = clear;
         notes.append(&mut said);
     }

@@ -195,9 +195,12 @@ fn a_limit_that_gives_way_is_not_named() {
         (1..4).map(|seed| driven(truth, 1e-4, seed, 0.1, way(seed))).collect()
     };
     let asked = |truth: &ObjectModel| {
-        let logs = record(&soft(truth));
+        let mut logs = record(&soft(truth));
+        let unseen = logs.split_off(2);
+        // Leant against the stop all the time.
+        logs.push(driven(&soft(truth), 1e-4, 4, -0.41, |_| -0.6));
         let options = Options { baselines: false, ..Options::default() };
-        find(&model, &logs[..2], &logs[2..], &options).unwrap().report
+        find(&model, &logs, &unseen, &options).unwrap().report
     };
     let report = asked(&model);
     assert_eq!(report.verdict, Verdict::NoGap, "{:?} {:?}", report.effects, report.notes);
