@@ -6,7 +6,7 @@ use std::path::Path;
 use sagci_model::{JointKind, ObjectModel, did_you_mean, nearest};
 
 use crate::read::{Angles, Lengths, Options};
-use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series};
+use crate::{CommandKind, JointLog, Log, Note, RecordingError, Series, turns};
 
 /// Share of a joint's range by which positions may be beyond its limits before the unit is doubted: stops give way, zeros are off.
 const BEYOND: f64 = 0.25;
@@ -37,6 +37,7 @@ pub(crate) fn check(
         names(path, log, model, is_chosen)?;
         convert(log, model, options);
         units(path, log, model, options)?;
+        turns::count(log, model);
     }
     let mut notes = Vec::new();
     let pushed = |joint: &JointLog| model.is_some_and(|m| log.pushes(m, &joint.name));
@@ -91,7 +92,7 @@ fn names(path: &Path, log: &mut Log, model: &ObjectModel, is_chosen: bool) -> Re
     Ok(())
 }
 
-fn turns(kind: JointKind) -> bool {
+fn is_angle(kind: JointKind) -> bool {
     matches!(kind, JointKind::Revolute | JointKind::Continuous)
 }
 
@@ -101,7 +102,7 @@ fn convert(log: &mut Log, model: &ObjectModel, options: Options) {
         let Some(kind) = model.joint(&joint.name).map(|j| model.joints[j].kind) else { continue };
         let (to_si, from, into): (fn(f64) -> f64, _, _) = match kind {
             JointKind::Prismatic if options.lengths == Lengths::Millimetres => (|v| v / 1000.0, "millimetres", "m"),
-            kind if turns(kind) && options.angles == Angles::Degrees => (f64::to_radians, "degrees", "rad"),
+            kind if is_angle(kind) && options.angles == Angles::Degrees => (f64::to_radians, "degrees", "rad"),
             _ => continue,
         };
         let commanded = joint.command.as_mut().filter(|c| c.0 == CommandKind::Position).map(|c| &mut c.1);

@@ -17,6 +17,7 @@ mod message;
 mod raw;
 mod read;
 mod robot;
+mod turns;
 
 pub use container::{Cut, records};
 pub use error::RecordingError;

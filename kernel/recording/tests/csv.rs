@@ -278,6 +278,22 @@ fn degrees_are_asked_back_about_and_converted_only_when_told() {
     assert!(has_note(&far, &["wheel", "if these are degrees"]), "{:?}", far.notes);
 }
 
+/// As many drives report them, within half a turn to both sides: taken as they stand the wheel would leap.
+#[test]
+fn turns_of_an_encoder_that_starts_anew_are_counted_on() {
+    use std::f64::consts::{PI, TAU};
+    let files = Files::new();
+    let way = |t: f64| 9.0 * (1.1 * t).sin() + 2.0 * t;
+    let within = |y: f64| (y + PI).rem_euclid(TAU) - PI;
+    let log = files.read(rows("wheel.position,wheel.effort", 500, |_, t| format!("{},{t}", within(way(t))))).unwrap();
+    let wheel = log.joint("wheel").unwrap();
+    assert!(wheel.position.time.iter().zip(&wheel.position.value).all(|(t, y)| (y - way(*t)).abs() < 1e-9));
+    assert!(has_note(&log, &["wheel", "starts anew after each turn", "counted on"]), "{:?}", log.notes);
+    // What goes past a turn is counted already, and a door does not turn round.
+    let counted = files.read(rows("wheel.position", 500, |_, t| way(t).to_string())).unwrap();
+    assert!((counted.joints[0].position.value[300] - way(3.0)).abs() < 1e-9 && !has_note(&counted, &["starts anew"]));
+}
+
 #[test]
 fn what_never_moves_is_refused_with_what_to_measure_instead() {
     let files = Files::new();
