@@ -206,7 +206,7 @@ def make(out, k, seed, limits):
     effect = EFFECTS[k % len(EFFECTS)]
     mechanism = "pendulum" if effect in OF_WEIGHT else r.choice(list(DRIVES))
     shuts = limits or effect in ("magnetic_gasket", "soft_close_damper")
-    if shuts and mechanism == "pendulum":
+    if effect in ("magnetic_gasket", "soft_close_damper") and mechanism == "pendulum":
         mechanism = "door"
     rate, recorded = r.choice(list(DURATION)), r.choice(RECORDED)
     drive = r.choice(DRIVES[mechanism])
