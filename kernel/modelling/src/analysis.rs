@@ -1,5 +1,6 @@
 //! The geometry of a cloud, before anything is decided: the object's points in the frame of its box, and their superpoints.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{Point3, Rotation3, Vector3};
@@ -54,21 +55,52 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     if thinned.finite > 500_000 {
         notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
+    let factor = thinned.factor;
+    let mut cloud = Left { input: Cow::Borrowed(input), thinned };
     let cells = prepare::in_cells(input)?;
-    let Some(before) = background::before_walls(&cells, &Surface::of(&cells).local) else {
-        let surface = Surface::of(&thinned);
-        return look_at(input, thinned, surface, notes);
-    };
-    notes.push("a wall behind the object was left out".to_owned());
-    // What is left may be much smaller.
-    let usable = |i: usize| cells.of_input[i].is_some_and(|k| before[k as usize]);
-    let nowhere = Point3::from(nalgebra::Vector3::repeat(f64::NAN));
-    let left: Vec<Point3<f64>> = (0..input.len()).map(|i| if usable(i) { input[i] * thinned.factor } else { nowhere }).collect();
-    let thinner = prepare::thin(&left)?;
-    let surface = Surface::of(&thinner);
-    let mut all = look_at(&left, thinner, surface, notes)?;
-    all.iter_mut().for_each(|a| a.factor = thinned.factor);
+    if let Some(before) = background::before_walls(&cells, &Surface::of(&cells).local) {
+        notes.push("a wall behind the object was left out".to_owned());
+        cloud = cloud.without(&cells.of_input, &before)?;
+    }
+    let mut surface = Surface::of(&cloud.thinned);
+    for _ in 0..CROPS {
+        let Some(near) = ground::cropped(&cloud.thinned.points, &surface.local, cloud.thinned.cell) else { break };
+        let of_input = std::mem::take(&mut cloud.thinned.of_input);
+        cloud = cloud.without(&of_input, &near)?;
+        surface = Surface::of(&cloud.thinned);
+    }
+    let cleared = ground::clear(&cloud.thinned.points, &surface.local, cloud.thinned.cell);
+    if let Some(z) = cleared.support {
+        notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
+        let of_input = std::mem::take(&mut cloud.thinned.of_input);
+        cloud = cloud.without(&of_input, &cleared.object)?;
+        surface = Surface::of(&cloud.thinned);
+    }
+    let mut all = look_at(&cloud.input, cloud.thinned, surface, notes)?;
+    all.iter_mut().for_each(|a| a.factor = factor);
     Ok(all)
+}
+
+/// How often a floor is cropped: each time what is left is looked at more finely.
+const CROPS: usize = 3;
+
+/// What is left of an input where its surroundings were cut away: points that were are no numbers.
+struct Left<'a> {
+    input: Cow<'a, [Point3<f64>]>,
+    thinned: Thinned,
+}
+
+impl Left<'_> {
+    /// Without those whose point in a thinned cloud is not kept. What is left may be much smaller, so it is thinned anew.
+    fn without(self, of_input: &[Option<u32>], kept: &[bool]) -> Result<Left<'static>, ModellingError> {
+        let nowhere = Point3::from(Vector3::repeat(f64::NAN));
+        let usable = |of: &Option<u32>| of.is_some_and(|k| kept[k as usize]);
+        let factor = self.thinned.factor;
+        let input: Vec<Point3<f64>> =
+            self.input.iter().zip(of_input).map(|(p, of)| if usable(of) { p * factor } else { nowhere }).collect();
+        let thinned = prepare::thin(&input)?;
+        Ok(Left { input: Cow::Owned(input), thinned })
+    }
 }
 
 /// The normals of a thinned cloud, and how far and how fine it is.
@@ -89,15 +121,12 @@ impl Surface {
     }
 }
 
-/// The same of a cloud without a wall.
+/// The same of a cloud without surroundings.
 fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes: Vec<String>) -> Result<Vec<Analysis>, ModellingError> {
     let Surface { diagonal, spacing, local } = surface;
-    let mut cleared = ground::clear(&thinned.points, &local, thinned.cell);
-    if let Some(z) = cleared.support {
-        notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
-    }
-    notes.extend(ground::one_object(&thinned.points, &mut cleared.object, diagonal)?);
-    let kept: Vec<usize> = (0..thinned.points.len()).filter(|i| cleared.object[*i]).collect();
+    let mut object = vec![true; thinned.points.len()];
+    notes.extend(ground::one_object(&thinned.points, &mut object, diagonal)?);
+    let kept: Vec<usize> = (0..thinned.points.len()).filter(|i| object[*i]).collect();
     if kept.len() < prepare::LEAST {
         return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: prepare::LEAST });
     }

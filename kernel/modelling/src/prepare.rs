@@ -76,6 +76,7 @@ impl Input {
         // Furniture is 0.1 to 10 m across, and 0.2 m where it is measured in centimetres or millimetres.
         let factor = match span {
             s if s > 100.0 => 1e-3,
+            s if s > 20.0 && on_a_floor(&kept) => 1.0,
             s if s > 20.0 => 1e-2,
             _ => 1.0,
         };
@@ -246,6 +247,20 @@ fn spread(points: &[Point3<f64>]) -> f64 {
         *high - low
     };
     Vector3::new(range(0), range(1), range(2)).norm()
+}
+
+/// Furniture is not as high, m.
+const HIGH: f64 = 4.0;
+/// What lies on a floor is within this share of a cloud's height.
+const LOW: f64 = 0.2;
+
+/// Are the points of something in metres on a floor that is seen far around? They are low as a whole, and most of them are lowest.
+fn on_a_floor(points: &[Point3<f64>]) -> bool {
+    let mut z: Vec<f64> = points.iter().map(|p| p.z).collect();
+    z.sort_unstable_by(f64::total_cmp);
+    let cut = z.len() / 200;
+    let (low, high) = (z[cut], z[z.len() - 1 - cut]);
+    high - low < HIGH && z.partition_point(|z| *z < low + LOW * (high - low)) > z.len() / 2
 }
 
 /// Are the points spread in three directions?
