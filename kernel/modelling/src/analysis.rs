@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
+use crate::background::Walls;
 use crate::grid::Grid;
 use crate::prepare::Thinned;
 use crate::superpoint::{Regions, Scale, Superpoint};
-use crate::{ModellingError, background, frame, ground, normal, prepare};
+use crate::{ModellingError, around, background, frame, ground, normal, prepare};
 
 /// What is known of a cloud by geometry alone.
 #[derive(Clone)]
@@ -43,64 +44,65 @@ pub struct Analysis {
 ///
 /// Errors: as [`crate::perceive()`].
 pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
-    let thinned = prepare::thin(input)?;
+    let unit = prepare::Unit::of(input)?;
     let mut notes = Vec::new();
-    if thinned.factor != 1.0 {
-        let unit = if thinned.factor < 5e-3 { "millimetres" } else { "centimetres" };
-        notes.push(format!("the cloud seems to be in {unit}: it was multiplied by {}", thinned.factor));
+    if unit.factor != 1.0 {
+        let name = if unit.factor < 5e-3 { "millimetres" } else { "centimetres" };
+        notes.push(format!("the cloud seems to be in {name}: it was multiplied by {}", unit.factor));
     }
-    if thinned.finite < input.len() {
-        notes.push(format!("{} of {} points are not numbers", input.len() - thinned.finite, input.len()));
+    if unit.finite < input.len() {
+        notes.push(format!("{} of {} points are not numbers", input.len() - unit.finite, input.len()));
     }
-    if thinned.finite > 500_000 {
-        notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
+    let mut cloud = Cow::Borrowed(input);
+    if unit.factor != 1.0 {
+        cloud = Cow::Owned(input.iter().map(|p| p * unit.factor).collect());
     }
-    let factor = thinned.factor;
-    let mut cloud = Left { input: Cow::Borrowed(input), thinned };
-    let cells = prepare::in_cells(input)?;
-    if let Some(before) = background::before_walls(&cells, &Surface::of(&cells).local) {
-        notes.push("a wall behind the object was left out".to_owned());
-        cloud = cloud.without(&cells.of_input, &before)?;
+    let mut walls: Option<Walls> = None;
+    for crop in 0.. {
+        let cells = prepare::in_cells(&cloud)?;
+        let local = Surface::of(&cells).local;
+        walls = background::walls(&cells, &local, walls.as_ref());
+        let before = walls.as_ref().map(|w| w.before.as_slice());
+        if crop < CROPS
+            && let Some(near) = around::near(&cells, &local, before)
+        {
+            cloud = without(&cloud, &cells.of_input, &near);
+            continue;
+        }
+        if let Some(before) = before {
+            notes.push("a wall behind the object was left out".to_owned());
+            cloud = without(&cloud, &cells.of_input, before);
+        }
+        break;
     }
-    let mut surface = Surface::of(&cloud.thinned);
-    for _ in 0..CROPS {
-        let Some(near) = ground::cropped(&cloud.thinned.points, &surface.local, cloud.thinned.cell) else { break };
-        let of_input = std::mem::take(&mut cloud.thinned.of_input);
-        cloud = cloud.without(&of_input, &near)?;
-        surface = Surface::of(&cloud.thinned);
-    }
-    let cleared = ground::clear(&cloud.thinned.points, &surface.local, cloud.thinned.cell);
+    let mut thinned = prepare::thin(&cloud)?;
+    let mut surface = Surface::of(&thinned);
+    let cleared = ground::clear(&thinned.points, &surface.local, thinned.cell);
     if let Some(z) = cleared.support {
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
-        let of_input = std::mem::take(&mut cloud.thinned.of_input);
-        cloud = cloud.without(&of_input, &cleared.object)?;
-        surface = Surface::of(&cloud.thinned);
+        cloud = without(&cloud, &thinned.of_input, &cleared.object);
+        thinned = prepare::thin(&cloud)?;
+        surface = Surface::of(&thinned);
     }
-    let mut all = look_at(&cloud.input, cloud.thinned, surface, notes)?;
-    all.iter_mut().for_each(|a| a.factor = factor);
+    if thinned.finite > MANY {
+        notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
+    }
+    let mut all = look_at(&cloud, thinned, surface, notes)?;
+    all.iter_mut().for_each(|a| a.factor = unit.factor);
     Ok(all)
 }
 
-/// How often a floor is cropped: each time what is left is looked at more finely.
+/// How often surroundings are cropped: each time what is left is looked at more finely.
 const CROPS: usize = 3;
+/// Of more points it is told how they were thinned.
+const MANY: usize = 500_000;
 
-/// What is left of an input where its surroundings were cut away: points that were are no numbers.
-struct Left<'a> {
-    input: Cow<'a, [Point3<f64>]>,
-    thinned: Thinned,
-}
-
-impl Left<'_> {
-    /// Without those whose point in a thinned cloud is not kept. What is left may be much smaller, so it is thinned anew.
-    fn without(self, of_input: &[Option<u32>], kept: &[bool]) -> Result<Left<'static>, ModellingError> {
-        let nowhere = Point3::from(Vector3::repeat(f64::NAN));
-        let usable = |of: &Option<u32>| of.is_some_and(|k| kept[k as usize]);
-        let factor = self.thinned.factor;
-        let input: Vec<Point3<f64>> =
-            self.input.iter().zip(of_input).map(|(p, of)| if usable(of) { p * factor } else { nowhere }).collect();
-        let thinned = prepare::thin(&input)?;
-        Ok(Left { input: Cow::Owned(input), thinned })
-    }
+/// A cloud without the points whose thinned point is not kept: in their places are no numbers. What is left may be much smaller, so it is to
+/// be thinned anew.
+fn without(cloud: &[Point3<f64>], of_input: &[Option<u32>], kept: &[bool]) -> Cow<'static, [Point3<f64>]> {
+    let nowhere = Point3::from(Vector3::repeat(f64::NAN));
+    let usable = |of: &Option<u32>| of.is_some_and(|k| kept[k as usize]);
+    Cow::Owned(cloud.iter().zip(of_input).map(|(p, of)| if usable(of) { *p } else { nowhere }).collect())
 }
 
 /// The normals of a thinned cloud, and how far and how fine it is.
@@ -141,7 +143,7 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
     let mut new_index = vec![None; thinned.points.len()];
     kept.iter().enumerate().for_each(|(new, old)| new_index[*old] = Some(new as u32));
     let of_input: Vec<Option<u32>> = thinned.of_input.iter().map(|i| i.and_then(|i| new_index[i as usize])).collect();
-    let dense = Arc::new(dense(input, thinned.factor, &of_input));
+    let dense = Arc::new(dense(input, &of_input));
     let in_frame = |yaw: f64| {
         let R_AW = frame::upright(yaw);
         let points: Vec<Point3<f64>> = world.iter().map(|p| R_AW * p).collect();
@@ -150,7 +152,7 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
         let (superpoints, piece) = regions.superpoints(&points, &turned, scale);
         let (low, high) = bounds(&points);
         let (of_input, notes, dense) = (of_input.clone(), notes.clone(), Arc::clone(&dense));
-        Analysis { points, normals, R_AW, superpoints, piece, dense, of_input, scale, low, high, notes, factor: thinned.factor }
+        Analysis { points, normals, R_AW, superpoints, piece, dense, of_input, scale, low, high, notes, factor: 1.0 }
     };
     Ok(frame::yaws(&world, &local, noise.max(0.002)).into_iter().map(in_frame).collect())
 }
@@ -159,9 +161,9 @@ fn look_at(input: &[Point3<f64>], thinned: Thinned, surface: Surface, mut notes:
 const DENSE: usize = 60_000;
 
 /// The object's input points; of very many every so-manieth.
-fn dense(input: &[Point3<f64>], factor: f64, of_input: &[Option<u32>]) -> Vec<(Point3<f64>, u32)> {
+fn dense(input: &[Point3<f64>], of_input: &[Option<u32>]) -> Vec<(Point3<f64>, u32)> {
     let all = of_input.iter().flatten().count();
-    let own = input.iter().zip(of_input).filter_map(|(p, of)| of.map(|of| (p * factor, of)));
+    let own = input.iter().zip(of_input).filter_map(|(p, of)| of.map(|of| (*p, of)));
     own.step_by(all / DENSE + 1).collect()
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A support reaches beyond what stands on it. A level surface that ends where the object ends is a part of the object.
 
-use nalgebra::{Point3, Vector2};
+use nalgebra::Point3;
 
 use crate::ModellingError;
 use crate::grid::{Grid, steps};
@@ -15,7 +15,7 @@ pub(crate) struct Cleared {
 }
 
 /// What is so far above a level surface does not lie on it, m, however far away the camera saw it.
-const CLEAR: f64 = 0.06;
+pub(crate) const CLEAR: f64 = 0.06;
 
 /// The lowest height at which much is level within a band, m.
 pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -> Option<f64> {
@@ -25,40 +25,6 @@ pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -
         let within = heights[k..].partition_point(|h| *h < z + band);
         (within > points.len() / 25).then(|| heights[k + within / 2])
     })
-}
-
-/// Points above a support that are together a lesser share than this of all above it are none of the object's.
-const LARGE: usize = 8;
-/// How far around what stands on a support it is kept, in diagonals of its footprint: enough to be seen to reach beyond.
-const AROUND: f64 = 0.25;
-/// A support is cropped where it would lose such a share of all points.
-const MUCH: f64 = 0.1;
-
-/// Which points are near what stands on a level surface, where many are not: a floor is seen for metres around. How fine a cloud is looked
-/// at is a matter of how far it reaches and of how many points it has, so that a floor hides what stands on it unless it is cropped before.
-pub(crate) fn cropped(points: &[Point3<f64>], local: &[Local], cell: f64) -> Option<Vec<bool>> {
-    let band = (3.0 * cell).max(0.012);
-    let z = lowest_level(points, local, band)?;
-    if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 {
-        return None;
-    }
-    let above: Vec<Point3<f64>> = points.iter().copied().filter(|p| p.z > z + (2.0 * band).max(CLEAR)).collect();
-    // Far away a floor's points stray as high as that, but not together.
-    let (of, sizes) = coarse_components(&above, (4.0 * cell).clamp(0.05, 0.4));
-    let standing: Vec<&Point3<f64>> =
-        above.iter().zip(of).filter(|(_, c)| sizes[*c as usize] * LARGE > above.len()).map(|(p, _)| p).collect();
-    if standing.len() < 30 {
-        return None;
-    }
-    let mut low = Vector2::repeat(f64::INFINITY);
-    let mut high = -low;
-    for p in standing {
-        (low, high) = (low.inf(&p.xy().coords), high.sup(&p.xy().coords));
-    }
-    let margin = Vector2::repeat(AROUND * (high - low).norm() + CLEAR);
-    let near = |p: &Point3<f64>| p.xy().coords >= low - margin && p.xy().coords <= high + margin;
-    let near: Vec<bool> = points.iter().map(near).collect();
-    (near.iter().filter(|n| !**n).count() as f64 > MUCH * points.len() as f64).then_some(near)
 }
 
 /// Takes the support away.
@@ -127,7 +93,7 @@ pub(crate) fn components(points: &[Point3<f64>], reach: f64) -> (Vec<u32>, Vec<u
 
 /// The same by cells: points are together where their cells touch, so what is less than a cell apart is one, and what is more than two
 /// cells apart is not. A wide reach then costs no more than a narrow one.
-fn coarse_components(points: &[Point3<f64>], cell: f64) -> (Vec<u32>, Vec<usize>) {
+pub(crate) fn coarse_components(points: &[Point3<f64>], cell: f64) -> (Vec<u32>, Vec<usize>) {
     let at: Vec<[i64; 3]> = points.iter().map(|p| steps(p, cell)).collect();
     let mut cells = at.clone();
     cells.sort_unstable();

@@ -17,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod around;
 mod background;
 mod border;
 mod candidate;

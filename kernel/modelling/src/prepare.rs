@@ -25,20 +25,18 @@ pub(crate) struct Thinned {
     pub(crate) cell: f64,
     /// Of each input point, the thinned point that stands for it.
     pub(crate) of_input: Vec<Option<u32>>,
-    /// What the input's lengths were multiplied by to get metres.
-    pub(crate) factor: f64,
     /// Number of input points that are finite.
     pub(crate) finite: usize,
 }
 
-/// What an input is, before it is thinned.
-struct Input {
+/// What unit an input is in.
+pub(crate) struct Unit {
     /// What lengths are multiplied by to get metres.
-    factor: f64,
+    pub(crate) factor: f64,
     /// Diagonal of most of it, m.
     span: f64,
     /// Number of points that are finite.
-    finite: usize,
+    pub(crate) finite: usize,
 }
 
 /// Beyond this there is no place on Earth, in any grid of maps and in millimetres: such a number stands for none.
@@ -61,13 +59,14 @@ pub(crate) fn brought_near(input: &[Point3<f64>]) -> Option<Vector3<f64>> {
     if middle.amax() < FAR {
         return None;
     }
-    let metres = Input::of(input).ok()?.factor;
+    let metres = Unit::of(input).ok()?.factor;
     let by = middle.map(|m| if m.abs() * metres > FAR { -m.round() } else { 0.0 });
     (by != Vector3::zeros()).then_some(by)
 }
 
-impl Input {
-    fn of(input: &[Point3<f64>]) -> Result<Self, ModellingError> {
+impl Unit {
+    /// Errors: too few points, all in a plane or on a line, an impossible size.
+    pub(crate) fn of(input: &[Point3<f64>]) -> Result<Self, ModellingError> {
         let kept: Vec<Point3<f64>> = input.iter().copied().filter(usable).collect();
         if kept.len() < LEAST {
             return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: LEAST });
@@ -90,49 +89,50 @@ impl Input {
         flat(&kept)?;
         Ok(Self { factor, span, finite: kept.len() })
     }
-
-    fn cell(&self) -> f64 {
-        (self.span / 400.0).max(FINEST)
-    }
 }
 
-/// Thins a cloud, and finds its unit.
+/// How finely a cloud is looked at, m.
+fn fineness(span: f64) -> f64 {
+    (span / 400.0).max(FINEST)
+}
+
+/// Thins a cloud in metres.
 ///
-/// Errors: too few points, all in a plane or on a line, an impossible size.
-pub(crate) fn thin(input: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
-    let all = Input::of(input)?;
-    let cell = all.cell();
-    let last = last_shown(input, all.finite);
+/// Errors: as [`Unit::of`].
+pub(crate) fn thin(cloud: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
+    let Unit { span, finite, .. } = Unit::of(cloud)?;
+    let cell = fineness(span);
+    let last = last_shown(cloud, finite);
     let shown = |i: usize, p: &Point3<f64>| usable(p) && last.is_none_or(|last| shuffled(i as u32) <= last);
-    let (points, mut of_input) = spread_out(input, &shown, all.factor, cell);
+    let (points, mut of_input) = spread_out(cloud, &shown, cell);
     if last.is_some() {
         let grid = Grid::new(&points, cell * FOLLOWS);
-        for (i, p) in input.iter().enumerate().filter(|(i, p)| usable(p) && !shown(*i, p)) {
-            of_input[i] = grid.nearest(&(p * all.factor), cell * FOLLOWS).map(|k| k as u32);
+        for (i, p) in cloud.iter().enumerate().filter(|(i, p)| usable(p) && !shown(*i, p)) {
+            of_input[i] = grid.nearest(p, cell * FOLLOWS).map(|k| k as u32);
         }
     }
-    Ok(Thinned { points, cell, of_input, factor: all.factor, finite: all.finite })
+    Ok(Thinned { points, cell, of_input, finite })
 }
 
 /// The means of all points by cells of a grid: more of them than [`thin`] looks at, for what is large and far.
 ///
-/// Errors: as [`thin`].
-pub(crate) fn in_cells(input: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
-    let all = Input::of(input)?;
-    let mut size = all.cell();
+/// Errors: as [`Unit::of`].
+pub(crate) fn in_cells(cloud: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
+    let Unit { span, finite, .. } = Unit::of(cloud)?;
+    let mut size = fineness(span);
     loop {
         let mut cells: Cells<u32> = Cells::default();
         let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
-        let mut of_input = Vec::with_capacity(input.len());
-        for p in input {
-            of_input.push(usable(p).then(|| add(&mut cells, &mut sums, &(p * all.factor), size)));
+        let mut of_input = Vec::with_capacity(cloud.len());
+        for p in cloud {
+            of_input.push(usable(p).then(|| add(&mut cells, &mut sums, p, size)));
             if sums.len() > MOST {
                 break;
             }
         }
         if sums.len() <= MOST {
             let points = sums.iter().map(|(sum, n)| Point3::from(sum / *n)).collect();
-            return Ok(Thinned { points, cell: size, of_input, factor: all.factor, finite: all.finite });
+            return Ok(Thinned { points, cell: size, of_input, finite });
         }
         size *= 1.25;
     }
@@ -173,17 +173,12 @@ const FINER: f64 = 4.0;
 ///
 /// Taken at random (dart throwing; Cook 1986), and not one a cell of a grid: a surface that stands askew to a grid's layers passes from one
 /// into the next every few millimetres, with half as many points again where it does. In dense clouds such stripes look like gaps.
-fn spread_out(
-    input: &[Point3<f64>],
-    shown: &impl Fn(usize, &Point3<f64>) -> bool,
-    factor: f64,
-    size: f64,
-) -> (Vec<Point3<f64>>, Vec<Option<u32>>) {
+fn spread_out(input: &[Point3<f64>], shown: &impl Fn(usize, &Point3<f64>) -> bool, size: f64) -> (Vec<Point3<f64>>, Vec<Option<u32>>) {
     // What is dense beyond need is put together first.
     let mut cells: Cells<u32> = Cells::default();
     let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
     let finer = size / FINER;
-    let put = |(i, p): (usize, &Point3<f64>)| shown(i, p).then(|| add(&mut cells, &mut sums, &(p * factor), finer));
+    let put = |(i, p): (usize, &Point3<f64>)| shown(i, p).then(|| add(&mut cells, &mut sums, p, finer));
     let of_input: Vec<Option<u32>> = input.iter().enumerate().map(put).collect();
     let fine: Vec<Point3<f64>> = sums.iter().map(|(sum, n)| Point3::from(sum / *n)).collect();
     let apart = APART * size;
@@ -316,7 +311,7 @@ mod tests {
                 Point3::new(along * cos - off * sin, along * sin + off * cos, up)
             })
             .collect();
-        let (kept, of) = spread_out(&wall, &|_, _| true, 1.0, 0.003);
+        let (kept, of) = spread_out(&wall, &|_, _| true, 0.003);
         assert!(of.iter().all(|k| k.is_some_and(|k| (k as usize) < kept.len())));
         let mut counts = vec![0.0; 125];
         for p in &kept {

@@ -1,8 +1,8 @@
 //! Objects in rooms: what is the wall's and the floor's is no part, and what belongs to the object stays.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
-use sagci_furniture::{Class, FAMILIES, Family, Look, Noise, Object, Part, Random, Solid, look};
-use sagci_modelling::analyse;
+use sagci_furniture::{Class, FAMILIES, Family, Look, Noise, Object, Part, Random, Solid, cast, look, look_with};
+use sagci_modelling::{Weights, analyse, perceive};
 
 fn family(name: &str) -> &'static Family {
     FAMILIES.iter().find(|f| f.name == name).unwrap()
@@ -95,6 +95,46 @@ fn a_floor_that_far_away_looks_thick_is_left_out() {
         }
     }
     assert!(failed.len() <= 3, "{failed:#?}");
+}
+
+/// How many of an object's moving parts are found, each by half of all points that either it or its answer has; and how many there are.
+fn found(object: &Object, walls: &[Solid], random: &mut Random, weights: &Weights) -> (usize, usize) {
+    let how = Look { points: if walls.is_empty() { 20_000 } else { 80_000 }, ..how(random) };
+    let room = in_a_room(object.clone(), walls);
+    let cloud = look_with(object, &how, random, &|camera, X_WF, _| cast(camera, &room, X_WF, &[]));
+    let answer = perceive(&cloud.points, "thing", weights).map_or_else(|_| vec![-1; cloud.part.len()], |answer| answer.part);
+    let parts: Vec<i32> = (1..object.parts.len() as i32).filter(|p| object.parts[*p as usize].class != Class::Body).collect();
+    let seen = |part: &i32| cloud.part.iter().filter(|p| *p == part).count() > 100;
+    let overlap = |part: i32| {
+        let counted = |a: &dyn Fn(i32, i32) -> bool| cloud.part.iter().zip(&answer).filter(|(t, o)| a(**t, **o)).count() as f64;
+        let share = |own: i32| counted(&|t, o| t == part && o == own) / counted(&|t, o| t == part || o == own);
+        (0..=answer.iter().copied().max().unwrap_or_default()).map(share).fold(0.0, f64::max)
+    };
+    let parts: Vec<i32> = parts.into_iter().filter(seen).collect();
+    (parts.iter().filter(|p| overlap(**p) > 0.5).count(), parts.len())
+}
+
+#[test]
+fn rooms_that_are_seen_for_metres_around_hide_nothing_of_what_stands_in_them() {
+    let weights = Weights::shipped().unwrap();
+    let (mut alone, mut on_floors, mut in_rooms, mut all) = (0, 0, 0, 0);
+    for name in ["one_door", "side_by_side", "cooker_with_drawer", "chest_of_drawers", "flat_lid", "deep_lid"] {
+        for seed in 0..3 {
+            let random = || Random::new(seed, name);
+            let object = family(name).draw(&mut random());
+            let (low, high) = object.bounds();
+            let wide = 14.0;
+            let back = object.parts[0].solids.iter().map(|s| s.center.x - s.half.x).fold(f64::INFINITY, f64::min);
+            let floor = Solid::between([low.x - wide, low.y - wide, -0.003], [high.x + wide, high.y + wide, -0.001]);
+            let wall = Solid::between([back - 0.1, low.y - wide, -0.003], [back - 0.02, high.y + wide, 3.0]);
+            let (right, parts) = found(&object, &[], &mut random(), &weights);
+            (alone, all) = (alone + right, all + parts);
+            on_floors += found(&object, std::slice::from_ref(&floor), &mut random(), &weights).0;
+            in_rooms += found(&object, &[floor, wall], &mut random(), &weights).0;
+        }
+    }
+    assert!(alone * 10 > all * 8, "{alone} of {all} parts are found where they stand alone");
+    assert!(on_floors + 2 >= alone && in_rooms + 3 >= alone, "alone {alone}, on floors {on_floors}, in rooms {in_rooms} of {all}");
 }
 
 #[test]
