@@ -102,8 +102,8 @@ fn whole(c: &Carcass) -> Cell {
     Cell { x: c.front(), y: [-c.width / 2.0, c.width / 2.0], z: [c.bottom, c.top], depth: c.depth }
 }
 
-/// A control panel on one side of the face, standing as far out as the door.
-fn beside(b: &mut Builder<'_>, knobs: bool) {
+/// A control panel on one side of the face, standing as far out as the door but for a share of how far that stands out.
+fn beside(b: &mut Builder<'_>, knobs: bool, back: f64) {
     let c = microwave(b);
     let share = b.random.between(0.18, 0.3);
     let right = b.random.chance(0.85);
@@ -114,8 +114,8 @@ fn beside(b: &mut Builder<'_>, knobs: bool) {
     let door = Cell { y: [door.y[0] + margin, door.y[1] - margin], z: [door.z[0] + margin, door.z[1] - margin], ..door };
     let hollow = hollow(&door, b.style.thick.min(0.03));
     Case::stand(b, c, &[if b.style.proud { hollow } else { door }]);
-    let x = b.panel_x(&front)[1];
-    if b.style.proud {
+    let x = c.front() + (1.0 - back) * (b.panel_x(&front)[1] - c.front());
+    if b.style.proud && back < 1.0 {
         b.body.push(Solid::between([c.front(), panel.y[0], panel.z[0]], [x - b.random.pick([0.0, 0.0, 0.005]), panel.y[1], panel.z[1]]));
     }
     controls(b, x, panel.y, panel.z, knobs);
@@ -124,13 +124,21 @@ fn beside(b: &mut Builder<'_>, knobs: bool) {
 
 pub(super) fn side_door_with_panel(b: &mut Builder<'_>) {
     let knobs = b.random.chance(0.3);
-    beside(b, knobs);
+    beside(b, knobs, 0.0);
+}
+
+/// The door alone stands before the case, or farther than the panel does.
+pub(super) fn panel_set_back(b: &mut Builder<'_>) {
+    b.style.proud = true;
+    let knobs = b.random.chance(0.3);
+    let back = if b.random.chance(0.6) { 1.0 } else { b.random.between(0.2, 0.9) };
+    beside(b, knobs, back);
 }
 
 /// Two large knobs beside the door, and feet.
 pub(super) fn knobs_beside(b: &mut Builder<'_>) {
     b.style.proud = true;
-    beside(b, true);
+    beside(b, true, 0.0);
 }
 
 pub(super) fn full_width_door(b: &mut Builder<'_>) {

@@ -80,6 +80,7 @@ pub const FAMILIES: &[Family] = &[
     held_out(Category::Door, "with_sidelight", entrance::with_sidelight),
     held_out(Category::Door, "stable_door", entrance::stable_door),
     known(Category::Microwave, "side_door_with_panel", kitchen::side_door_with_panel),
+    known(Category::Microwave, "panel_set_back", kitchen::panel_set_back),
     known(Category::Microwave, "full_width_door", kitchen::full_width_door),
     known(Category::Microwave, "panel_below", kitchen::panel_below),
     known(Category::Microwave, "machine", composed::machine),
