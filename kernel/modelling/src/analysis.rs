@@ -66,12 +66,12 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
         if crop < CROPS
             && let Some(near) = around::near(&cells, &local, before)
         {
-            cloud = without(&cloud, &cells.of_input, &near);
+            cut(&mut cloud, &cells.of_input, &near);
             continue;
         }
         if let Some(before) = before {
             notes.push("a wall behind the object was left out".to_owned());
-            cloud = without(&cloud, &cells.of_input, before);
+            cut(&mut cloud, &cells.of_input, before);
         }
         break;
     }
@@ -80,12 +80,12 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     let cleared = ground::clear(&thinned.points, &surface.local, thinned.cell);
     if let Some(z) = cleared.support {
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
-        cloud = without(&cloud, &thinned.of_input, &cleared.object);
+        cut(&mut cloud, &thinned.of_input, &cleared.object);
         thinned = prepare::thin(&cloud)?;
         surface = Surface::of(&thinned);
     }
-    if thinned.finite > MANY {
-        notes.push(format!("{} points were thinned to {}, one in {:.1} mm", thinned.finite, thinned.points.len(), 1e3 * thinned.cell));
+    if unit.finite > MANY {
+        notes.push(format!("{} points were thinned to {}, one in {:.1} mm", unit.finite, thinned.points.len(), 1e3 * thinned.cell));
     }
     let mut all = look_at(&cloud, thinned, surface, notes)?;
     all.iter_mut().for_each(|a| a.factor = unit.factor);
@@ -97,12 +97,15 @@ const CROPS: usize = 3;
 /// Of more points it is told how they were thinned.
 const MANY: usize = 500_000;
 
-/// A cloud without the points whose thinned point is not kept: in their places are no numbers. What is left may be much smaller, so it is to
-/// be thinned anew.
-fn without(cloud: &[Point3<f64>], of_input: &[Option<u32>], kept: &[bool]) -> Cow<'static, [Point3<f64>]> {
+/// Cuts the points off a cloud whose thinned point is not kept: in their places are no numbers. What is left may be much smaller, so it is to be
+/// thinned anew.
+fn cut(cloud: &mut Cow<'_, [Point3<f64>]>, of_input: &[Option<u32>], kept: &[bool]) {
     let nowhere = Point3::from(Vector3::repeat(f64::NAN));
-    let usable = |of: &Option<u32>| of.is_some_and(|k| kept[k as usize]);
-    Cow::Owned(cloud.iter().zip(of_input).map(|(p, of)| if usable(of) { *p } else { nowhere }).collect())
+    for (p, of) in cloud.to_mut().iter_mut().zip(of_input) {
+        if !of.is_some_and(|k| kept[k as usize]) {
+            *p = nowhere;
+        }
+    }
 }
 
 /// The normals of a thinned cloud, and how far and how fine it is.

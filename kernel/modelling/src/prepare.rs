@@ -25,8 +25,6 @@ pub(crate) struct Thinned {
     pub(crate) cell: f64,
     /// Of each input point, the thinned point that stands for it.
     pub(crate) of_input: Vec<Option<u32>>,
-    /// Number of input points that are finite.
-    pub(crate) finite: usize,
 }
 
 /// What unit an input is in.
@@ -48,10 +46,15 @@ fn usable(p: &Point3<f64>) -> bool {
     p.iter().all(|c| c.is_finite() && c.abs() < REMOTE)
 }
 
+/// A coordinate of all points that are usable: of millions of points no more is copied at a time.
+fn along(points: &[Point3<f64>], k: usize) -> Vec<f64> {
+    points.iter().filter(|p| usable(p)).map(|p| p[k]).collect()
+}
+
 /// What a cloud far from its origin is moved by, in whole numbers of its unit; none where it is near.
 pub(crate) fn brought_near(input: &[Point3<f64>]) -> Option<Vector3<f64>> {
     let middle = |k: usize| {
-        let mut c: Vec<f64> = input.iter().filter(|p| usable(p)).map(|p| p[k]).collect();
+        let mut c = along(input, k);
         let at = c.len() / 2;
         if c.is_empty() { 0.0 } else { *c.select_nth_unstable_by(at, f64::total_cmp).1 }
     };
@@ -67,15 +70,15 @@ pub(crate) fn brought_near(input: &[Point3<f64>]) -> Option<Vector3<f64>> {
 impl Unit {
     /// Errors: too few points, all in a plane or on a line, an impossible size.
     pub(crate) fn of(input: &[Point3<f64>]) -> Result<Self, ModellingError> {
-        let kept: Vec<Point3<f64>> = input.iter().copied().filter(usable).collect();
-        if kept.len() < LEAST {
-            return Err(ModellingError::TooFew { finite: kept.len(), total: input.len(), least: LEAST });
+        let finite = input.iter().filter(|p| usable(p)).count();
+        if finite < LEAST {
+            return Err(ModellingError::TooFew { finite, total: input.len(), least: LEAST });
         }
-        let span = spread(&kept);
+        let span = spread(input);
         // Furniture is 0.1 to 10 m across, and 0.2 m where it is measured in centimetres or millimetres.
         let factor = match span {
             s if s > 100.0 => 1e-3,
-            s if s > 20.0 && on_a_floor(&kept) => 1.0,
+            s if s > 20.0 && on_a_floor(input) => 1.0,
             s if s > 20.0 => 1e-2,
             _ => 1.0,
         };
@@ -86,8 +89,8 @@ impl Unit {
                 false => ModellingError::Size { diagonal: span },
             });
         }
-        flat(&kept)?;
-        Ok(Self { factor, span, finite: kept.len() })
+        flat(input)?;
+        Ok(Self { factor, span, finite })
     }
 }
 
@@ -111,15 +114,14 @@ pub(crate) fn thin(cloud: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
             of_input[i] = grid.nearest(p, cell * FOLLOWS).map(|k| k as u32);
         }
     }
-    Ok(Thinned { points, cell, of_input, finite })
+    Ok(Thinned { points, cell, of_input })
 }
 
 /// The means of all points by cells of a grid: more of them than [`thin`] looks at, for what is large and far.
 ///
 /// Errors: as [`Unit::of`].
 pub(crate) fn in_cells(cloud: &[Point3<f64>]) -> Result<Thinned, ModellingError> {
-    let Unit { span, finite, .. } = Unit::of(cloud)?;
-    let mut size = fineness(span);
+    let mut size = fineness(Unit::of(cloud)?.span);
     loop {
         let mut cells: Cells<u32> = Cells::default();
         let mut sums: Vec<(Vector3<f64>, f64)> = Vec::new();
@@ -132,7 +134,7 @@ pub(crate) fn in_cells(cloud: &[Point3<f64>]) -> Result<Thinned, ModellingError>
         }
         if sums.len() <= MOST {
             let points = sums.iter().map(|(sum, n)| Point3::from(sum / *n)).collect();
-            return Ok(Thinned { points, cell: size, of_input, finite });
+            return Ok(Thinned { points, cell: size, of_input });
         }
         size *= 1.25;
     }
@@ -233,7 +235,7 @@ fn shuffled(i: u32) -> u64 {
 /// Diagonal of the box that holds all but the outermost half per cent along each axis.
 fn spread(points: &[Point3<f64>]) -> f64 {
     let range = |k: usize| {
-        let mut c: Vec<f64> = points.iter().map(|p| p[k]).collect();
+        let mut c = along(points, k);
         let cut = c.len() / 200;
         let last = c.len() - 1 - cut;
         let (_, low, _) = c.select_nth_unstable_by(cut, f64::total_cmp);
@@ -251,7 +253,7 @@ const LOW: f64 = 0.2;
 
 /// Are the points of something in metres on a floor that is seen far around? They are low as a whole, and most of them are lowest.
 fn on_a_floor(points: &[Point3<f64>]) -> bool {
-    let mut z: Vec<f64> = points.iter().map(|p| p.z).collect();
+    let mut z = along(points, 2);
     z.sort_unstable_by(f64::total_cmp);
     let cut = z.len() / 200;
     let (low, high) = (z[cut], z[z.len() - 1 - cut]);
@@ -288,9 +290,10 @@ pub(crate) fn is_sheet(points: &[Point3<f64>], local: &[Local]) -> bool {
 }
 
 fn covariance(points: &[Point3<f64>]) -> Matrix3<f64> {
-    let n = points.len() as f64;
-    let mean = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
-    points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum::<Matrix3<f64>>() / n
+    let own = || points.iter().filter(|p| usable(p)).map(|p| p.coords);
+    let n = own().count() as f64;
+    let mean = own().sum::<Vector3<f64>>() / n;
+    own().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / n
 }
 
 #[cfg(test)]
