@@ -77,8 +77,10 @@ pub fn analyse(input: &[Point3<f64>]) -> Result<Vec<Analysis>, ModellingError> {
     }
     let mut thinned = prepare::thin(&cloud)?;
     let mut surface = Surface::of(&thinned);
-    let cleared = ground::clear(&thinned.points, &surface.local, thinned.cell);
-    if let Some(z) = cleared.support {
+    // A floor, and the table that stands on it.
+    for _ in 0..2 {
+        let cleared = ground::clear(&thinned.points, &surface.local, thinned.cell);
+        let Some(z) = cleared.support else { break };
         notes.push(format!("a level surface at a height of {z:.3} m was left out: the object stands on it"));
         cut(&mut cloud, &thinned.of_input, &cleared.object);
         thinned = prepare::thin(&cloud)?;

@@ -285,7 +285,7 @@ fn check(points: &[Point3<f64>], local: &[Local], kept: &[bool], fine: (f64, Opt
     let part = Part::of(points, local, kept, fine, plane)?;
     let (all, others) = (part.all.len(), &part.others);
     let behind = others.iter().filter(|i| part.depth(**i) < 0.0).count();
-    if (part.wall.len() as f64) < SHARE * all as f64 || behind * 30 > all {
+    if (part.wall.len() as f64) < SHARE * all as f64 || behind * 30 > all || behind * 10 > others.len() {
         return None;
     }
     let level = |of: &[usize]| of.iter().filter(|i| local[**i].normal.z.abs() > 0.97).count() as f64;

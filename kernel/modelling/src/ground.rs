@@ -27,14 +27,18 @@ pub(crate) fn lowest_level(points: &[Point3<f64>], local: &[Local], band: f64) -
     })
 }
 
+/// Greatest share of all points that may be a table's below its top.
+const LEGS: f64 = 0.15;
+
 /// Takes the support away.
 pub(crate) fn clear(points: &[Point3<f64>], local: &[Local], cell: f64) -> Cleared {
     let all = Cleared { object: vec![true; points.len()], support: None };
-    let lowest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     let band = (3.0 * cell).max(0.012);
     let Some(z) = lowest_level(points, local, band) else { return all };
-    // Little may lie below it.
-    if points.iter().filter(|p| p.z < z - band).count() > points.len() / 50 || z > lowest + 0.3 {
+    // Little may lie below it: nothing of a floor, the edge and the legs of a table. Of furniture with something on it more does.
+    let share = |of: &dyn Fn(&Point3<f64>) -> bool| points.iter().filter(|p| of(p)).count() as f64 / points.len() as f64;
+    let below = share(&|p| p.z < z - band);
+    if below > LEGS || below > 0.02 && share(&|p| p.z > z + band) < 2.0 * below {
         return all;
     }
     let footprint = |keep: &dyn Fn(&Point3<f64>) -> bool| {
