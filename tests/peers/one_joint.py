@@ -266,7 +266,11 @@ def make(out, k, seed, limits):
 """
     )
     (folder / "model.yaml").write_text("schema: 1\nname: thing\n" + (f"actuators:\n- joint: {JOINT}\n  law: {law}\n" if law else ""))
-    joint, middle = Joint(effect, p, known, true, limits), 0.45 * reach if shuts else 0.0
+    middle = 0.45 * reach if shuts else 0.0
+    # What sits somewhere sits where the joint comes by; a stop is there already.
+    if effect in ("detent", "position_dependent_friction"):
+        p["position"] += middle
+    joint = Joint(effect, p, known, true, limits)
     session = effect in ("thermal_wear", "sensor_drift")
     for kind in ("sines", "steps", "chirp", "mixed"):
         wanted, period, count = way_of(r, kind, DURATION[rate]), 1 / rate, DURATION[rate] * rate
