@@ -302,25 +302,36 @@ def make(out, k, seed, limits):
     (out / "sealed" / f"{name}.json").write_text(json.dumps(sealed, indent=1))
 
 
+def read_at(t, times, states):
+    """The position at another time, by positions and velocities of the rows to both sides (Hermite)."""
+    t = min(max(t, 0.0), times[len(states) - 1])
+    j = min(bisect.bisect_right(times, t) - 1, len(states) - 2)
+    h, (q0, v0), (q1, v1) = times[j + 1] - times[j], states[j], states[j + 1]
+    x = (t - times[j]) / h
+    return (1 + 2 * x) * (1 - x) ** 2 * q0 + x * (1 - x) ** 2 * h * v0 + x * x * (3 - 2 * x) * q1 + x * x * (x - 1) * h * v1
+
+
+def in_steps(q, noise):
+    """What an encoder reads; a quiet one has finer steps."""
+    step = 1.5e-3 if noise > 1e-4 else 1e-4
+    return round(q / step) * step
+
+
 def write(path, r, joint, rows, times, drive, recorded, noise, session, speed):
     """What is measured. A clock that is off reads the joint at another time than it says."""
     p, name = joint.p, joint.name
     lines = [f"time,{JOINT}.position,{JOINT}.{drive}" + (f",{JOINT}.velocity" if recorded == "with noisy velocities" else "")]
+    states = [row[1:3] for row in rows]
     for i, (t, q, v, c) in enumerate(rows):
         if name == "clock_skew":
-            at = min(max(t - p["skew"], 0.0), rows[-1][0])
-            j = min(bisect.bisect_right(times, at) - 1, len(rows) - 2)
-            # By positions and velocities to both sides (Hermite).
-            h, (q0, v0), (q1, v1) = times[j + 1] - times[j], rows[j][1:3], rows[j + 1][1:3]
-            x = (at - times[j]) / h
-            q = (1 + 2 * x) * (1 - x) ** 2 * q0 + x * (1 - x) ** 2 * h * v0 + x * x * (3 - 2 * x) * q1 + x * x * (x - 1) * h * v1
+            q = read_at(t - p["skew"], times, states)
         if name == "encoder_offset":
             q += p["offset"]
         if name == "sensor_drift":
             q += p["bias"] + p["rate"] * (joint.session + t)
         q += r.gauss(0, noise[0])
         if recorded == "in encoder steps":
-            q = round(q / 1.5e-3) * 1.5e-3 if noise[0] > 1e-4 else round(q / 1e-4) * 1e-4
+            q = in_steps(q, noise[0])
         if recorded == "with lost rows" and r.random() < 0.04:
             continue
         read = c + (r.gauss(0, noise[1]) if drive == "effort" else 0.0)

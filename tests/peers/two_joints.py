@@ -14,7 +14,7 @@ import pathlib
 import random
 
 import one_joint
-from one_joint import OF_WEIGHT, OWN_FRICTION, STEP, Joint, draw, way_of
+from one_joint import OF_WEIGHT, OWN_FRICTION, STEP, Joint, draw, in_steps, read_at, way_of
 
 NAMES = ["shoulder", "elbow"]
 # Nothing shuts here.
@@ -173,17 +173,11 @@ def write(path, r, rows, times, drive, recorded, noise, hidden, session):
     velocities = recorded == "with noisy velocities"
     columns = [c for n in NAMES for c in (f"{n}.position", f"{n}.{drive}", f"{n}.velocity")[: 3 if velocities else 2]]
     lines = [",".join(["time", *columns])]
+    states = [[(q[j], v[j]) for _, q, v, _ in rows] for j in range(2)]
     for t, q, v, commands in rows:
         q = list(q)
         if effect == "clock_skew":
-            read = min(max(t - p["skew"], 0.0), rows[-1][0])
-            i = min(bisect.bisect_right(times, read) - 1, len(rows) - 2)
-            h = times[i + 1] - times[i]
-            x = (read - times[i]) / h
-            for j in range(2):
-                q0, v0, q1, v1 = rows[i][1][j], rows[i][2][j], rows[i + 1][1][j], rows[i + 1][2][j]
-                # By positions and velocities to both sides (Hermite).
-                q[j] = (1 + 2 * x) * (1 - x) ** 2 * q0 + x * (1 - x) ** 2 * h * v0 + x * x * (3 - 2 * x) * q1 + x * x * (x - 1) * h * v1
+            q = [read_at(t - p["skew"], times, own) for own in states]
         if effect == "encoder_offset":
             q[at] += p["offset"]
         if effect == "sensor_drift":
@@ -194,8 +188,7 @@ def write(path, r, rows, times, drive, recorded, noise, hidden, session):
         for position, command, speed in zip(q, commands, v):
             position += r.gauss(0, noise)
             if recorded == "in encoder steps":
-                step = 1.5e-3 if noise > 1e-4 else 1e-4
-                position = round(position / step) * step
+                position = in_steps(position, noise)
             cells += [f"{position:.8f}", f"{command:.7g}"] + ([f"{speed + r.gauss(0, 0.05):.6f}"] if velocities else [])
         lines.append(",".join(cells))
     path.write_text("\n".join(lines) + "\n")

@@ -83,6 +83,10 @@ fn leave_out_stops(model: &ObjectModel, [train, unseen]: [&mut Vec<Trajectory>; 
     if clear.iter().zip([&*train, &*unseen]).all(has_whole) {
         [*train, *unseen] = clear;
         notes.append(&mut said);
+    } else {
+        notes.push(format!(
+            "what joints do in limits that give way was not left out, since no window of {window} s lies between: it may be taken for an effect"
+        ));
     }
 }
 

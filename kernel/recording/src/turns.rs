@@ -31,8 +31,9 @@ pub(crate) fn count(log: &mut Log, model: &ObjectModel) {
         if let Some((CommandKind::Position, command)) = &mut joint.command {
             let position = &joint.position;
             for (t, u) in command.time.iter().zip(&mut command.value) {
-                let at = position.time.partition_point(|p| p <= t).saturating_sub(1);
-                *u += TAU * ((position.value[at] - *u) / TAU).round();
+                let behind = position.time.partition_point(|p| p <= t).max(1);
+                let read = position.value[..behind].iter().rev().find(|y| y.is_finite());
+                *u += read.map_or(0.0, |y| TAU * ((y - *u) / TAU).round());
             }
         }
         let message = format!("its position starts anew after each turn, {leaps} times in this recording; the turns were counted on");
