@@ -72,7 +72,7 @@ class Arm:
         det = m11 * m22 - m12 * m12
         own, other = [m22 / det, m11 / det], -m12 / det
         v = [v[k] + STEP * (own[k] * free[k] + other * free[1 - k]) for k in range(2)]
-        most = [STEP * j.dry(now, u, -b, s) for j, u, b, s in zip(joints, efforts, bias, v)]
+        most = [STEP * j.dry(now, u, b, s) for j, u, b, s in zip(joints, efforts, bias, v)]
         impulse = [0.0, 0.0]
         for k in [0, 1] * (SWEEPS if any(most) else 0):
             wanted = max(-most[k], min(most[k], impulse[k] - v[k] / own[k]))
