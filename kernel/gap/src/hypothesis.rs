@@ -13,7 +13,7 @@ use crate::stops::Stops;
 /// Share of a joint's way that what is bound to a place may be wide: wider, it is a spring or a friction everywhere.
 const LOCAL: f64 = 0.3;
 /// Periods over that way from which on a force repeats: with fewer it is a tilt or a spring.
-const REPEATS: f64 = 1.5;
+const REPEATS: f64 = 1.0;
 
 /// One number of an object model.
 #[derive(Debug, Clone, PartialEq)]

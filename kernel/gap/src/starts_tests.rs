@@ -305,6 +305,21 @@ fn a_ripple_that_is_passed_faster_than_the_filter_follows_is_begun_at_its_cycles
     }
 }
 
+/// A ripple that a joint went through once and a bit was held to repeat more often than it does, and other names made good what was wrong.
+#[test]
+fn a_ripple_that_repeats_but_once_keeps_its_cycles() {
+    let way = |truth: &_| Trajectory::new(&led(truth, 2e-4, 1, 1.0), &door()).unwrap();
+    let range = way(&door()).positions(0).fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], q| [a.min(q), b.max(q)]);
+    let cycles = 1.3 * std::f64::consts::TAU / (range[1] - range[0]);
+    let trajectories = [way(&with(&door(), "torque_ripple", &[("amplitude", 0.2), ("cycles_per_turn", cycles), ("phase", 0.7)]))];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let base = search.known(&door(), 1.0).unwrap();
+    let first = search.stage(&base, search.scale(&base)).unwrap().swap_remove(0);
+    assert_eq!(first.effect, "torque_ripple");
+    let found = first.fit.hypothesis.model_at(&first.fit.hypothesis.x).document.effects[0].parameters["cycles_per_turn"];
+    assert!((found / cycles - 1.0).abs() < 0.02, "{found} for {cycles}");
+}
+
 /// A fit of a light base's mode comes from a tenth above or some hundredths below, and from no farther.
 #[test]
 fn a_light_base_begins_near_its_frequency_whatever_that_is() {

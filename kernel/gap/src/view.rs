@@ -59,8 +59,9 @@ fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
 }
 
-/// Fewest and most periods over the range that a ripple has, and the step between those that are looked at: a fit finds its way over half a period.
-const PERIODS: [f64; 2] = [2.0, 82.0];
+/// Fewest and most periods over the range at which a ripple is looked for, from a little below what it may have, and the step between them: a fit
+/// finds its way over half a period.
+const PERIODS: [f64; 2] = [0.75, 82.0];
 const BETWEEN: f64 = 0.25;
 /// How many ripples are begun with.
 const RIPPLES: usize = 3;
@@ -96,7 +97,7 @@ fn cycles_roughly(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     if rows.is_empty() || range.is_nan() || range <= 0.0 {
         return Vec::new();
     }
-    // From two periods over the range to what 400 bins can show.
+    // To what 400 bins can show.
     let mut sums = vec![[0.0f64; 2]; 400];
     for [f, q, _, _] in rows {
         let bin = (((q - low) / range * 400.0) as usize).min(399);
@@ -114,7 +115,7 @@ fn cycles_roughly(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
         }
         a * a + b * b
     };
-    let grid: Vec<(f64, f64)> = (0..800).map(|i| 2.0 + 0.1 * i as f64).map(|p| (power(p), p * TAU / range)).collect();
+    let grid: Vec<(f64, f64)> = (0..812).map(|i| PERIODS[0] + 0.1 * i as f64).map(|p| (power(p), p * TAU / range)).collect();
     peaks(&grid)
 }
 
