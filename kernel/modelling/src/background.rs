@@ -24,6 +24,9 @@ const IN_WALL: f64 = 0.12;
 const BEFORE: f64 = 0.7;
 const FRONT: f64 = 0.15;
 const LEVEL: f64 = 0.1;
+/// What a front's points may differ in distance from the wall, m, and the cosine of how far it may be turned from it: by 5 degrees.
+const DEEP: f64 = 0.05;
+const ALONG: f64 = 0.9962;
 
 /// What stands on a floor begins no higher above it, m.
 const STANDS: f64 = 0.1;
@@ -252,6 +255,22 @@ impl<'a> Part<'a> {
         sheets(self.points, self.local, of, (count, f64::max(0.03, 0.7 * self.thick)))
     }
 
+    /// The most of some points that are a front: they lie along the wall at one distance from it. A leaf that is ajar lies at many; where it is that
+    /// by little, it still slants.
+    fn front(&self, of: &[usize]) -> usize {
+        let out = &self.plane.0;
+        let mut fronts: Vec<(f64, Vector3<f64>)> = of
+            .iter()
+            .map(|i| (self.depth(*i), self.local[*i].normal * self.local[*i].normal.dot(out).signum()))
+            .filter(|(_, normal)| normal.dot(out) > 0.97)
+            .collect();
+        fronts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let deep = |k: usize| &fronts[k..fronts.partition_point(|x| x.0 < fronts[k].0 + DEEP)];
+        let Some(fullest) = (0..fronts.len()).map(deep).max_by_key(|f| f.len()) else { return 0 };
+        let mean = fullest.iter().map(|x| x.1).sum::<Vector3<f64>>().normalize();
+        if mean.dot(out) > ALONG { fullest.len() } else { 0 }
+    }
+
     /// By how much more a wall reaches than what stands before it: a share of how large that is.
     fn margin(&self, other: (f64, f64), other_top: f64) -> f64 {
         // What is lowest may be the floor.
@@ -294,12 +313,7 @@ fn check(points: &[Point3<f64>], local: &[Local], kept: &[bool], fine: (f64, Opt
         return None;
     }
     let before = if before.len() < FEWEST { others.clone() } else { before };
-    // A front stands at one distance from the wall, a leaf that is ajar at many.
-    let along = |i: &usize| local[*i].normal.dot(&plane.0).abs() > 0.97;
-    let mut fronts: Vec<f64> = before.iter().copied().filter(along).map(|i| part.depth(i)).collect();
-    fronts.sort_by(f64::total_cmp);
-    let front = (0..fronts.len()).map(|k| fronts.partition_point(|d| *d < fronts[k] + 0.05) - k).max().unwrap_or_default();
-    let boxy = front as f64 > FRONT * before.len() as f64 || level(&before) > LEVEL * before.len() as f64;
+    let boxy = part.front(&before) as f64 > FRONT * before.len() as f64 || level(&before) > LEVEL * before.len() as f64;
     let many_sided = part.sheets(&before, 2) < LEAVES;
     let up = Vector3::z();
     let (own, (bottom, top)) = (part.range(&part.wall, &part.level), part.range(&part.wall, &up));
