@@ -21,6 +21,7 @@ mod around;
 mod background;
 mod border;
 mod candidate;
+mod crossing;
 mod decide;
 mod ended;
 mod error;

@@ -8,6 +8,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use crate::crossing;
 use crate::grid::Grid;
 use crate::normal::{Local, least};
 use crate::seam::BEHIND;
@@ -57,7 +58,7 @@ impl Scale {
 pub(crate) const MOST: usize = 96;
 
 impl Superpoint {
-    fn of(points: Vec<u32>, cloud: &[Point3<f64>], flat: bool) -> Self {
+    pub(crate) fn of(points: Vec<u32>, cloud: &[Point3<f64>], flat: bool) -> Self {
         let n = points.len().max(1) as f64;
         let at = |i: &u32| cloud[*i as usize];
         let mean = points.iter().map(|i| at(i).coords).sum::<Vector3<f64>>() / n;
@@ -133,6 +134,7 @@ impl Regions {
             found.push(Superpoint::of(region, cloud, true));
         }
         adopt(cloud, &mut taken, &mut found, &grid, reach, scale);
+        crossing::part(cloud, &mut found, scale);
         let lumps = lumps(cloud, &taken, reach, fewest / 2 + 3);
         Self { flat: found.into_iter().map(|s| s.points).collect(), lumps }
     }
