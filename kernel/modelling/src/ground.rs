@@ -2,7 +2,7 @@
 //!
 //! A support reaches beyond what stands on it. A level surface that ends where the object ends is a part of the object.
 
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::ModellingError;
 use crate::grid::{Grid, steps};
@@ -128,6 +128,25 @@ pub(crate) fn coarse_components(points: &[Point3<f64>], cell: f64) -> (Vec<u32>,
     (of, sizes)
 }
 
+/// A leaf has so many times fewer points than its case, and its thickness is such a share of its width.
+const LEAF: usize = 2;
+const THIN: f64 = 0.25;
+
+/// Do points lie as those of a panel do, whichever way it is turned?
+fn is_panel<'a>(points: impl Iterator<Item = &'a Point3<f64>>) -> bool {
+    let (mut n, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
+    for p in points {
+        n += 1.0;
+        sum += p.coords;
+        squares += p.coords * p.coords.transpose();
+    }
+    let mean = sum / f64::max(n, 1.0);
+    let spread = squares / f64::max(n, 1.0) - mean * mean.transpose();
+    let mut lengths: Vec<f64> = spread.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths[0] < THIN * lengths[1]
+}
+
 /// Errors where far apart lie two things that are both large; where they lie less far apart, what to say of it. Crumbs are marked off the
 /// object.
 pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: f64) -> Result<Option<String>, ModellingError> {
@@ -136,12 +155,14 @@ pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: 
     let cell = (0.15 * diagonal).clamp(0.05, 0.4);
     let (of, sizes) = coarse_components(&coarse, cell);
     let total = coarse.len();
-    let large: Vec<usize> = sizes.iter().copied().filter(|s| *s * 8 > total).collect();
+    let most = sizes.iter().copied().max().unwrap_or(0);
+    // A leaf that stands open may be seen apart from the case that it hangs in.
+    let leaf = |k: usize| sizes[k] * LEAF < most && is_panel(coarse.iter().zip(&of).filter(|(_, c)| **c as usize == k).map(|(p, _)| p));
+    let large: Vec<usize> = (0..sizes.len()).filter(|k| sizes[*k] * 8 > total && !leaf(*k)).map(|k| sizes[k]).collect();
     if large.len() > 1 {
         let shares = large.iter().map(|s| format!("{:.0} %", 100.0 * *s as f64 / total as f64)).collect();
         return Err(ModellingError::Several { count: large.len(), shares });
     }
-    let most = sizes.iter().copied().max().unwrap_or(0);
     for (i, c) in kept.iter().zip(of) {
         let size = sizes[c as usize];
         if size < most && size * 200 < total {

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sagci_furniture::{Category, Labelled, Look, Noise, Object, Random, STILL, families, look};
-use sagci_modelling::{ModellingError, Perceived, Weights, perceive};
+use sagci_modelling::{ModellingError, Perceived, Weights, analyse, perceive};
 
 fn weights() -> Weights {
     Weights::shipped().unwrap()
@@ -190,6 +190,28 @@ fn what_cannot_be_modelled_is_refused_with_a_reason() {
     assert!(matches!(error(&line), ModellingError::Flat { .. }));
     let two: Vec<Point3<f64>> = seen(Category::Microwave, 2).1.points.iter().flat_map(|p| [*p, p + Vector3::new(3.0, 0.0, 0.0)]).collect();
     assert!(matches!(error(&two), ModellingError::Several { count: 2, .. }));
+}
+
+/// A door that stands open may be seen with nothing of what joins it to its case: that is no second object. A second case is one.
+#[test]
+fn a_leaf_apart_from_its_case_is_not_refused() {
+    let mut random = Random::new(1, "apart");
+    let [w, d, h] = [0.5, 0.4, 0.3];
+    let mut case: Vec<Point3<f64>> = Vec::new();
+    for _ in 0..4000 {
+        let [a, b] = [random.unit(), random.unit()];
+        case.push(Point3::new(0.0, a * w, b * h));
+        case.push(Point3::new(-a * d, 0.0, b * h));
+        case.push(Point3::new(-a * d, b * w, h));
+    }
+    // The outer part of a leaf that is open by a right angle.
+    let leaf: Vec<Point3<f64>> = (0..2500).map(|_| Point3::new(random.between(0.42, 0.7), w, random.unit() * h)).collect();
+    let all: Vec<Point3<f64>> = case.iter().chain(&leaf).copied().collect();
+    let notes = analyse(&all).unwrap()[0].notes().join("; ");
+    assert!(notes.contains("there may be 2 objects"), "{notes}");
+    let second = case.iter().step_by(4).map(|p| p + Vector3::new(1.2, 0.0, 0.0));
+    let two: Vec<Point3<f64>> = case.iter().copied().chain(second).collect();
+    assert!(matches!(analyse(&two).err(), Some(ModellingError::Several { count: 2, .. })));
 }
 
 #[test]
