@@ -69,8 +69,14 @@ pub(super) fn room_handle(b: &mut Builder<'_>) -> Handle {
 }
 
 pub(super) fn leaf(b: &mut Builder<'_>, cell: &Cell, hinge: Edge, handle: Handle) {
+    framed_leaf(b, cell, hinge, handle, 0.15);
+}
+
+/// The same, with stiles and rails about a field that is set back in such a share of leaves.
+fn framed_leaf(b: &mut Builder<'_>, cell: &Cell, hinge: Edge, handle: Handle, share: f64) {
     b.style.height = 0.5;
-    b.style.pane = b.random.chance(0.15).then(|| [b.random.between(0.1, 0.15), b.random.between(0.005, 0.015), b.random.between(0.0, 0.3)]);
+    b.style.pane =
+        b.random.chance(share).then(|| [b.random.between(0.1, 0.15), b.random.between(0.005, 0.015), b.random.between(0.0, 0.3)]);
     let upper = b.random.between(1.5, 2.2);
     b.hinged(cell, hinge, handle, upper);
 }
@@ -81,15 +87,16 @@ fn single(b: &mut Builder<'_>, wall: f64, above: f64) {
     let cell = frame.cell(b);
     let handle = room_handle(b);
     let hinge = b.random.pick([Edge::Left, Edge::Right]);
-    leaf(b, &cell, hinge, handle);
+    framed_leaf(b, &cell, hinge, handle, if wall > 0.0 { 0.4 } else { 0.15 });
 }
 
 pub(super) fn single_in_frame(b: &mut Builder<'_>) {
     single(b, 0.0, 0.0);
 }
 
+/// A door amid a wall that goes on for up to more than a metre: beside the stile of a leaf that is nearly shut the wall is all that is seen.
 pub(super) fn in_wall(b: &mut Builder<'_>) {
-    let (wall, above) = (b.random.between(0.15, 0.7), b.random.between(0.0, 0.4));
+    let (wall, above) = (b.random.between(0.15, 1.3), b.random.between(0.0, 0.5));
     single(b, wall, above);
 }
 
