@@ -48,7 +48,7 @@ pub(crate) fn part(cloud: &[Point3<f64>], pieces: &mut [Superpoint], scale: Scal
     }
 }
 
-/// The points of two pieces after parting; `None` where they do not meet so, or lie right.
+/// The points of two pieces after parting; `None` where they do not meet so, or nothing says that they are two there.
 fn parted(cloud: &[Point3<f64>], small: &Superpoint, large: &Superpoint, scale: Scale) -> Option<(Vec<u32>, Vec<u32>)> {
     let cosine = small.normal.dot(&large.normal);
     let angle = cosine.abs().min(1.0).acos();
