@@ -219,21 +219,19 @@ impl<'a> Climb<'a> {
         };
         candidates[..=first].rotate_right(1);
         let best = &candidates[0];
-        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by. What
-        // brings windows near that are far off without it is one.
-        let is_shape = small && !self.brings_near(&settled, ascent);
-        // A second name has to say more than the likeliest does alone that a plainer one was put before.
-        if (is_shape || self.chosen.len() == 1)
-            && let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
-            && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
-            && let Some(last) = self.chosen.pop()
-        {
-            say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
-            self.chosen.push(last.giving_way_to(search, &instead, scale));
-            self.current = alone;
-            return Ok(true);
-        }
-        if is_shape {
+        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by.
+        // Where the likeliest alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without
+        // it is one.
+        if small && !self.brings_near(&settled, ascent) {
+            if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
+                && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
+                && let Some(last) = self.chosen.pop()
+            {
+                say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
+                self.chosen.push(last.giving_way_to(search, &instead, scale));
+                self.current = alone;
+                return Ok(true);
+            }
             self.lost = beside(&candidates, here);
             return Ok(false);
         }

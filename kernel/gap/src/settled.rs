@@ -136,9 +136,10 @@ impl Settled<'_, '_> {
         };
         let Some(free) = search.free(self.refitted, joint, self.scale, said)? else { return Ok(false) };
         let more = free.evidence - said;
-        // How sure a lead is, the errors of the one that leads say: where names leave nothing but noise, what the curve leaves hangs together.
-        let errors = if more > 0.0 { &free.errors } else { &self.current.errors };
-        let apart = search.problem.persistence(errors, &(&self.current.errors - &free.errors));
+        // How sure a lead is. Where names lead that leave nothing but noise, their errors say it: what the curve leaves hangs together.
+        let change = &self.current.errors - &free.errors;
+        let [of_curve, of_names] = [&free.errors, &self.current.errors].map(|errors| search.problem.persistence(errors, &change));
+        let apart = if more > 0.0 { of_curve } else { of_curve.min(of_names) };
         (self.say)(&format!("  a force by place or speed alone says {:+.1}, what is named {said:+.1}", free.evidence));
         // A few numbers that come near a curve are what most of it is; many of them are a curve themselves.
         let numbers = self.refitted.hypothesis.x.len()..self.current.hypothesis.x.len();
