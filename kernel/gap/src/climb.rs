@@ -23,8 +23,10 @@ const NEARLY: f64 = 0.8;
 
 /// Share of what the names before it make that a second one needs, if it is small: by as much the shape of a name may be off.
 const TENTH: f64 = 0.1;
-/// Share of the gap that names leave, below which what little another makes is no second name.
+/// Share of the gap that names leave, below which what little another makes is no second name, unless it leaves but such a share
+/// of that in the usual window.
 const ALL_BUT_CLOSED: f64 = 0.05;
+const MOST_OF_IT: f64 = 0.35;
 
 /// What is asked, and who hears of it.
 pub(crate) struct Ascent<'a> {
@@ -205,14 +207,19 @@ impl<'a> Climb<'a> {
         turn.extend(likeliest.iter().take(others).filter_map(|l| {
             candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
         }));
+        // One that is too small for a second name is no reason not to ask the next.
         let (mut found, mut asked) = (None, false);
         for i in turn {
-            found = self.is_there(&candidates[i], here, ascent, &mut asked)?.map(|there| (i, there));
-            if found.is_some() {
+            let Some(there) = self.is_there(&candidates[i], here, ascent, &mut asked)? else { continue };
+            let counts = !there.small || self.brings_near(&there.settled, ascent);
+            if counts || found.is_none() {
+                found = Some((i, there, counts));
+            }
+            if counts {
                 break;
             }
         }
-        let Some((first, There { settled, adds_up, small })) = found else {
+        let Some((first, There { settled, adds_up, small }, counts)) = found else {
             self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
             self.lost = beside(&candidates, here);
             return Ok(false);
@@ -222,7 +229,7 @@ impl<'a> Climb<'a> {
         // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by.
         // Where the likeliest alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without
         // it is one.
-        if small && !self.brings_near(&settled, ascent) {
+        if !counts {
             if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
                 && let Some(last) = self.chosen.pop()
@@ -284,13 +291,16 @@ impl<'a> Climb<'a> {
         Ok(Some(There { settled, adds_up, small }))
     }
 
-    /// Are windows far off, and much less so by a fit? What is left of a gap that is all but closed is what the names' shapes are off by, too.
+    /// Are windows far off, and much less so by a fit? What is left of a gap that is all but closed is what the names' shapes are off by, too, and
+    /// no other name takes most of that.
     fn brings_near(&self, fit: &Fit, ascent: &Ascent<'_>) -> bool {
         let (search, &Ascent { model, window, seed, .. }) = (&self.search, ascent);
         let measure = Measure::new(search, model, search.problem.trajectories, &[], window);
+        let usual = |fit: &Fit| measure.in_usual_window(&fit.hypothesis).unwrap_or(f64::INFINITY);
         measure.is_far(&self.current.hypothesis, seed)
-            && search.left_of_gap(model, &self.current, fit, window) < FALL
-            && search.left_of_gap(model, &self.base, &self.current, window) > ALL_BUT_CLOSED
+            && (usual(fit) < MOST_OF_IT * usual(&self.current)
+                || search.left_of_gap(model, &self.current, fit, window) < FALL
+                    && search.left_of_gap(model, &self.base, &self.current, window) > ALL_BUT_CLOSED)
     }
 
     /// Does a name make windows no better only because another is missing as well? With the likeliest one beside it they are much better.

@@ -37,6 +37,8 @@ const PUSHED: f64 = 0.1;
 const FITTED: usize = 24;
 /// Most numbers of a plain effect, and the share of the time for which a joint is held, from which on it is asked in the simulator.
 const PLAIN: usize = 2;
+/// Least share of its first start that a number begins with.
+const LEAST: f64 = 0.05;
 const STICKS: f64 = 0.02;
 
 /// An effect at a place, and where a fit of it begins.
@@ -338,9 +340,13 @@ fn by_run(
     let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
     let (share, fall) = along(&change, span, reach(base, hypothesis));
     let mut x = hypothesis.x.clone();
-    // A number that begins near zero begins where the data want it.
+    // A number that begins near zero begins where the data want it, and so does one that is alone.
     if let Some(size) = size(base, hypothesis) {
         x[size] *= share;
+    } else if let [alone] = &mut x[base.hypothesis.x.len()..]
+        && share > 0.0
+    {
+        *alone = (*alone + share.max(LEAST).ln()).max(hypothesis.fitted[base.hypothesis.x.len()].bounds[0]);
     }
     fall.is_finite().then_some((x, fall, change))
 }
@@ -375,7 +381,7 @@ fn along(change: &Change, span: &Span, [least, most]: [f64; 2]) -> (f64, f64) {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::tests::{door, swing};
+    use crate::tests::{door, swing, with};
     use crate::trajectory::Trajectory;
 
     fn screened(effect: &'static str, linear: bool, plain: bool, worth: f64) -> Vec<Screened> {
@@ -433,6 +439,21 @@ mod tests {
         all.push(screened("torque_bias", true, true, 504.0));
         let kept = kept(all);
         assert!(kept.contains(&"torque_bias") && !kept.contains(&"hard_stop"), "{kept:?}");
+    }
+
+    /// A mode near a link's frequency: with three times the rotor's inertia that there is a fit is lost.
+    #[test]
+    fn a_number_alone_begins_as_large_as_one_run_says_that_it_is() {
+        let truth = with(&door(), "armature_inertia", &[("inertia", 0.002)]);
+        let logs = [Trajectory::new(&swing(&truth, 1e-4, 1), &door()).unwrap()];
+        let search = Search::new(&door(), &logs).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let hypothesis = base.hypothesis.with("armature_inertia", Some("hinge"), &[0.02]).unwrap();
+        let rough = search.problem.roughly();
+        let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
+        let (x, ..) = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &hypothesis).unwrap();
+        let begun = x.last().unwrap().exp();
+        assert!((0.001..0.004).contains(&begun), "{begun}");
     }
 
     /// What stamps positions late may stamp efforts late, too, and a part of that looks like a drive's delay.

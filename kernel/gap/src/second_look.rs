@@ -5,10 +5,13 @@ use crate::GapError;
 use crate::choice::Choice;
 use crate::climb::{Ascent, Climb};
 use crate::fit::Fit;
-use crate::search::entries;
+use crate::search::{Candidate, entries};
+use crate::weigh::CONVINCING;
 
 /// Squares of the errors without a name over those with it, from which on other names in its place need derivatives of their own.
 const FAR_OFF: f64 = 2.0;
+/// How many that come near a name are asked about with another beside them.
+const NEAREST: usize = 2;
 
 impl Climb<'_> {
     /// Looks again at each of several names. The first, if it remains alone, keeps what was said of it when nothing else was there; another that
@@ -21,19 +24,26 @@ impl Climb<'_> {
         let first = (self.chosen[0].best.effect, self.chosen[0].best.joint);
         // First what the others say as well: beside a name that falls out, another would be compared with strangers.
         self.drop_idle(ascent);
-        let mut at = 0;
-        while at < self.chosen.len() && self.chosen.len() > 1 {
-            if self.gives_way(at, ascent)? {
-                self.drop_idle(ascent);
-                at = 0;
-            } else {
-                at += 1;
+        // Two that stood in the place of two others are not asked for others again: what is simpler and what says a little more might take turns.
+        let mut may_both = true;
+        loop {
+            let mut at = 0;
+            while at < self.chosen.len() && self.chosen.len() > 1 {
+                if self.gives_way(at, ascent, &mut may_both)? {
+                    self.drop_idle(ascent);
+                    at = 0;
+                } else {
+                    at += 1;
+                }
+            }
+            if !self.two_give_way(ascent)? {
+                break;
             }
         }
         if let [alone] = self.chosen.as_slice()
             && (alone.best.effect, alone.best.joint) != first
         {
-            self.gives_way(0, ascent)?;
+            self.gives_way(0, ascent, &mut false)?;
         }
         // The order of entries is that of the numbers in the hypothesis.
         let document = &self.current.hypothesis.model.document;
@@ -42,11 +52,11 @@ impl Climb<'_> {
         Ok(())
     }
 
-    /// The others, fitted without one of the names; none where they cannot be simulated.
-    fn without(&self, at: usize) -> Option<Fit> {
-        let entry = *entries(&self.current.hypothesis).get(at)?;
-        let less = self.current.without(&self.search.problem, entry).and_then(|f| self.search.fit_on(f, self.scale));
-        less.ok()
+    /// The others, fitted without some of the names, the last of these first; none where they cannot be simulated.
+    fn without(&self, those: &[usize]) -> Option<Fit> {
+        let all = entries(&self.current.hypothesis);
+        let less = those.iter().try_fold(self.current.clone(), |fit, at| fit.without(&self.search.problem, *all.get(*at)?).ok())?;
+        self.search.fit_on(less, self.scale).ok()
     }
 
     /// Takes out names that say no more than the others do, the least of them first.
@@ -56,7 +66,7 @@ impl Climb<'_> {
             let with = search.evidence(current, *scale);
             let idle = (0..self.chosen.len()).filter_map(|at| {
                 // What cannot be simulated without it needs it, and what another name would have to be bent for.
-                let less = self.without(at).filter(|less| search.is_shaped(less))?;
+                let less = self.without(&[at]).filter(|less| search.is_shaped(less))?;
                 let gain = with - search.evidence(&less, *scale);
                 let stays = search.is_convincing(ascent.model, &less, current, gain, ascent.window)
                     || search.is_needed(ascent.model, &less, current, ascent.window);
@@ -69,10 +79,48 @@ impl Climb<'_> {
         }
     }
 
-    /// Asks what else may stand in the place of a name. True where another does.
-    fn gives_way(&mut self, at: usize, ascent: &Ascent<'_>) -> Result<bool, GapError> {
+    /// Asks whether one name of no more numbers says what two of them say together. True where it takes their place. Each of the two was the
+    /// likeliest beside the others; that a third says alone what they share shows only where both are out at once.
+    fn two_give_way(&mut self, ascent: &Ascent<'_>) -> Result<bool, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
-        let Some(less) = self.without(at) else { return Ok(false) };
+        let (search, current, scale) = (&self.search, &self.current, self.scale);
+        if search.many_joints() {
+            return Ok(false);
+        }
+        let with = search.evidence(current, scale);
+        for (a, b) in (1..self.chosen.len()).flat_map(|a| (0..a).map(move |b| (a, b))) {
+            let Some(less) = self.without(&[a, b]) else { continue };
+            let without = search.evidence(&less, scale);
+            let numbers = current.hypothesis.x.len() - less.hypothesis.x.len();
+            let mut candidates = search.stage_within(&less, scale, numbers, with - without - CONVINCING)?;
+            search.settle_rivals(&mut candidates, "", without, scale);
+            search.rank(&mut candidates, scale);
+            let Some(best) = candidates.first() else { continue };
+            let gain = with - best.evidence;
+            if !search.is_shaped(&best.fit)
+                || search.is_convincing(model, &best.fit, current, gain, window)
+                || search.is_needed(model, &best.fit, current, window)
+            {
+                continue;
+            }
+            let [one, other] = [a, b].map(|at| self.chosen[at].best.effect);
+            say(&format!("  {} alone says what {one} and {other} do ({:+.1})", best.effect, -gain));
+            let fit = best.fit.clone();
+            let explained = search.explained(&less, &fit);
+            let choice = Choice::new(search, &candidates, without, self.chosen[b].nameless, explained, scale);
+            self.current = fit;
+            self.chosen.remove(a);
+            self.chosen.remove(b);
+            self.chosen.push(choice);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Asks what else may stand in the place of a name. True where another does.
+    fn gives_way(&mut self, at: usize, ascent: &Ascent<'_>, may_both: &mut bool) -> Result<bool, GapError> {
+        let Ascent { model, window, say, .. } = *ascent;
+        let Some(less) = self.without(&[at]) else { return Ok(false) };
         let (search, current, scale) = (&self.search, &self.current, self.scale);
         let (with, without) = (search.evidence(current, scale), search.evidence(&less, scale));
         let name = self.chosen[at].best.effect;
@@ -104,6 +152,107 @@ impl Climb<'_> {
         let choice = &mut self.chosen[at];
         choice.around(search, &candidates, [with, without], scale);
         choice.explained = explained;
+        if *may_both && self.both_give_way(at, &candidates, [with, without], ascent)? {
+            *may_both = false;
+            return Ok(true);
+        }
         Ok(false)
+    }
+
+    /// Asks, of two names, whether both give way: one that says nearly as much in the place of the first may have another beside it that says more
+    /// than the two do, or as much by fewer numbers. `candidates` are those for the place of the first.
+    fn both_give_way(
+        &mut self,
+        at: usize,
+        candidates: &[Candidate],
+        [with, without]: [f64; 2],
+        ascent: &Ascent<'_>,
+    ) -> Result<bool, GapError> {
+        let Ascent { model, window, say, .. } = *ascent;
+        let (search, current, scale) = (&self.search, &self.current, self.scale);
+        if self.chosen.len() != 2 || search.many_joints() {
+            return Ok(false);
+        }
+        let [one, other] = [at, 1 - at].map(|i| self.chosen[i].best.effect);
+        let near =
+            |c: &&Candidate| c.effect != one && c.evidence > with - CONVINCING && c.fit.hypothesis.x.len() <= current.hypothesis.x.len();
+        for near in candidates.iter().filter(near).take(NEAREST) {
+            let Some(beside_it) = entries(&near.fit.hypothesis).first().copied() else { continue };
+            let alone = near.fit.without(&search.problem, beside_it).and_then(|fit| search.fit_on(fit, scale));
+            // What cannot be simulated alone is left with what is beside it.
+            let Ok(alone) = alone else { continue };
+            let beside = search.evidence(&alone, scale);
+            let mut instead = search.stage_within(&alone, scale, usize::MAX, with - beside - CONVINCING)?;
+            search.settle_rivals(&mut instead, other, beside, scale);
+            search.rank(&mut instead, scale);
+            let Some(best) = instead.first().filter(|best| best.effect != other) else { continue };
+            let gain = best.evidence - with;
+            let fewer = best.fit.hypothesis.x.len() < current.hypothesis.x.len();
+            let says_more = || gain > CONVINCING && search.takes_the_place(model, &best.fit, current, gain, window);
+            let is_simpler = || fewer && gain > -CONVINCING && search.left_of_gap(model, current, &best.fit, window) <= 1.0;
+            if !search.is_shaped(&best.fit) || !(says_more() || is_simpler()) {
+                continue;
+            }
+            say(&format!("  {} and {} stand in the place of {one} and {other} ({gain:+.1})", near.effect, best.effect));
+            let mut first = candidates.to_vec();
+            first.retain(|c| (c.effect, c.joint) != (near.effect, near.joint));
+            first.insert(0, near.clone());
+            let explained = search.explained(&self.base, &best.fit);
+            let choice = |candidates: &[Candidate], here: f64, which: usize| {
+                Choice::new(search, candidates, here, self.chosen[which].nameless, explained, scale)
+            };
+            let chosen = vec![choice(&first, without, at), choice(&instead, beside, 1 - at)];
+            (self.current, self.chosen) = (best.fit.clone(), chosen);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use crate::choice::Choice;
+    use crate::climb::{Ascent, Climb};
+    use crate::fit::Fit;
+    use crate::search::{Candidate, Search};
+    use crate::tests::{door, swing, with};
+    use crate::trajectory::Trajectory;
+
+    type Numbers<'n> = &'n [(&'static str, &'n [(&'static str, f64)])];
+
+    /// Which names are left of some, fitted to what others hide, once any two of them may give way to one?
+    fn left(hidden: Numbers<'_>, named: Numbers<'_>) -> Vec<&'static str> {
+        let model = door();
+        let truth = hidden.iter().fold(model.clone(), |model, (effect, numbers)| with(&model, effect, numbers));
+        let data: Vec<Trajectory> = (1..3).map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap()).collect();
+        let search = Search::new(&model, &data).unwrap();
+        let base = search.known(&model, 1.0).unwrap();
+        let mut climb = Climb::new(search, base);
+        climb.scale = 1.0;
+        for (effect, numbers) in named {
+            let values: Vec<f64> = numbers.iter().map(|n| n.1).collect();
+            let more = climb.current.hypothesis.with(effect, Some("hinge"), &values).unwrap();
+            climb.current = climb.search.fit_on(Fit::start(&climb.search.problem, more).unwrap(), 1.0).unwrap();
+            let candidate = Candidate { effect, joint: Some(0), fit: climb.current.clone(), evidence: 0.0 };
+            climb.chosen.push(Choice::new(&climb.search, &[candidate], -1.0, 0.0, 1.0, 1.0));
+        }
+        climb.two_give_way(&Ascent { model: &model, window: 1.0, seed: 1, say: &|_| {} }).unwrap();
+        climb.chosen.iter().map(|c| c.best.effect).collect()
+    }
+
+    /// A sine and a dent together make a spring of themselves.
+    #[test]
+    fn two_names_that_share_what_one_does_give_way_to_it() {
+        let spring = [("stiffness", 0.3), ("rest_position", 0.7)];
+        let (tilt, dent) = ([("amplitude", 0.35), ("phase", -0.7)], [("force", 0.01), ("position", 0.2), ("width", 0.3)]);
+        assert_eq!(left(&[("joint_spring", &spring)], &[("hinge_tilt", &tilt), ("detent", &dent)]), ["joint_spring"]);
+    }
+
+    #[test]
+    fn two_names_that_are_there_do_not_give_way_to_one() {
+        let (dry, drag) = ([("friction", 0.03)], [("drag", 0.02)]);
+        let both: Numbers<'_> = &[("coulomb_friction", &dry), ("quadratic_drag", &drag)];
+        assert_eq!(left(both, both), ["coulomb_friction", "quadratic_drag"]);
     }
 }

@@ -224,6 +224,13 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
     let JointView { speed, range: [low, high], .. } = *view;
     match (effect, values) {
         ("coulomb_friction", &[friction]) => vec![("stribeck_friction", vec![friction, 1.2 * friction, speed.max(1e-6) / 8.0, 2.0])],
+        // A friction that hardly falls is one that does not.
+        ("stribeck_friction", &[friction, ..]) => vec![("coulomb_friction", vec![friction])],
+        // A rotor on a spring too stiff to be seen is an inertia of the joint's.
+        ("armature_inertia", &[inertia]) => {
+            let on_a_spring = |hz: f64| ("joint_elasticity", vec![inertia * (TAU * hz).powi(2), inertia * TAU * hz, inertia, 0.0]);
+            [12.0, 30.0].map(on_a_spring).into()
+        }
         // A loop of force F and length l rises by F / l where it begins.
         ("cable_hysteresis", &[_, _, force, length, damping]) => {
             let begun = |velocity: f64| ("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, velocity]);

@@ -329,3 +329,16 @@ fn a_light_base_begins_near_its_frequency_whatever_that_is() {
         assert!(light.iter().any(|hz| near(&hz)), "{truth} Hz is far from all of {light:?}");
     }
 }
+
+/// Where both were fitted from their own starts the fall kept what the plain one could not find, and stood in its place with none.
+#[test]
+fn a_friction_that_hardly_falls_is_asked_as_one_that_does_not() {
+    let begun = neighbours("stribeck_friction", &[0.0889, 0.0888, 0.0412, 2.0], &view());
+    assert_eq!(begun, [("coulomb_friction", vec![0.0889])]);
+}
+
+#[test]
+fn a_rotor_on_a_stiff_spring_begins_where_its_inertia_alone_ends() {
+    let begun = neighbours("armature_inertia", &[0.0009], &view());
+    assert!(!begun.is_empty() && begun.iter().all(|(name, v)| *name == "joint_elasticity" && v[2] == 0.0009), "{begun:?}");
+}
