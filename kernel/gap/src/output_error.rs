@@ -82,25 +82,21 @@ impl Measure<'_> {
         Ok(worth(of)? - worth(before)?)
     }
 
-    /// Which of several effects windows are predicted without as well, if the others are fitted to that: the least of them, by its place among
-    /// the hypothesis' entries.
-    pub fn needless(&self, hypothesis: &Hypothesis) -> Result<Option<usize>, GapError> {
+    /// Those of several effects without which windows are predicted as well, if the others are fitted to that, by their places among the
+    /// hypothesis' entries.
+    pub fn needless(&self, hypothesis: &Hypothesis) -> Result<Vec<usize>, GapError> {
         let all = entries(hypothesis);
         if all.len() < 2 {
-            return Ok(None);
+            return Ok(Vec::new());
         }
         let spread = spread(&self.by_window(hypothesis)?);
         let with = arrived(freed(hypothesis), self, spread, TURNS)?;
-        let mut least: Option<(f64, usize)> = None;
-        for (i, entry) in all.into_iter().enumerate() {
+        let is_needless = |entry: usize| {
             // It begins where the others stand with it, so once is enough. Without what a model cannot be simulated is needed.
-            let Ok(without) = arrived(with.hypothesis.without(entry), self, spread, 1) else { continue };
-            let gain = without.least_cost() - with.least_cost();
-            if gain < least.map_or(WORTH, |(gain, _)| gain) {
-                least = Some((gain, i));
-            }
-        }
-        Ok(least.map(|(_, i)| i))
+            let without = arrived(with.hypothesis.without(entry), self, spread, 1);
+            without.is_ok_and(|without| without.least_cost() - with.least_cost() < WORTH)
+        };
+        Ok((0..all.len()).filter(|i| is_needless(all[*i])).collect())
     }
 }
 

@@ -78,7 +78,10 @@ impl Settled<'_, '_> {
     /// `own` measures the gap over the data that all was fitted to.
     pub fn over_windows(&mut self, told: Option<Followed>, own: &Measure<'_>) -> Result<Option<Followed>, GapError> {
         let mut told = self.search.over_windows(told.as_ref().map_or(&self.current, |t| &t.fit), own)?.or(told);
-        while let Some(least) = own.needless(&told.as_ref().map_or(&self.current, |t| &t.fit).hypothesis)? {
+        // Windows need one of several that share what they show. Of those the one goes that rows say least of.
+        let least =
+            |needless: Vec<usize>, chosen: &[Choice]| needless.into_iter().min_by(|a, b| chosen[*a].gain.total_cmp(&chosen[*b].gain));
+        while let Some(least) = least(own.needless(&told.as_ref().map_or(&self.current, |t| &t.fit).hypothesis)?, &self.chosen) {
             let reason = "windows are predicted as well without it, the others fitted to that";
             let of = |name: &str| Reason { name: name.into(), reason: reason.into() };
             self.take_back(least, "windows are predicted as well without", of)?;

@@ -5,7 +5,7 @@
 //! direction u across the line in which the planes meet, the points of both pieces are one sequence that follows one plane up to some place and
 //! the other from there on. That place is the change point of greatest likelihood (Hinkley 1970): no single point tells it, all of them do.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::superpoint::{Scale, Superpoint};
 
@@ -23,12 +23,16 @@ const ROUNDS: usize = 3;
 /// Share of the smaller piece's extent along the line that is left out at either end: there its outline may be rounded or slanted.
 const ENDS: f64 = 0.01;
 
-/// A point near the line: how far across it, its squared distances from both planes, which piece holds it.
+/// Least noise, m: what is finer tells nothing of a hinge.
+const LEAST_NOISE: f64 = 0.001;
+/// Points that are too few for a piece.
+const FEW: usize = 10;
+
+/// A point near the line: how far across it, and its squared distances from both planes, in the noise's squares.
 struct Near {
     u: f64,
     to_small: f64,
     to_large: f64,
-    held_by_small: bool,
     point: u32,
 }
 
@@ -50,51 +54,81 @@ pub(crate) fn part(cloud: &[Point3<f64>], pieces: &mut [Superpoint], scale: Scal
 
 /// The points of two pieces after parting; `None` where they do not meet so, or nothing says that they are two there.
 fn parted(cloud: &[Point3<f64>], small: &Superpoint, large: &Superpoint, scale: Scale) -> Option<(Vec<u32>, Vec<u32>)> {
-    let cosine = small.normal.dot(&large.normal);
-    let angle = cosine.abs().min(1.0).acos();
-    if !(LEAST..MOST).contains(&angle) {
-        return None;
-    }
-    let noise = scale.noise.max(small.residual).max(large.residual).max(0.001);
-    // The line: along l, through `on`, the point of both planes that is nearest to the small piece's middle.
-    let l = small.normal.cross(&large.normal).normalize();
-    let mut u = l.cross(&small.normal);
-    let deep = (large.center - small.center).dot(&large.normal);
-    let on = small.center + u * (deep / u.dot(&large.normal));
-    if (small.center - on).dot(&u) < 0.0 {
-        u = -u;
-    }
-    let along = |p: &Point3<f64>| (p - on).dot(&l);
-    let mut ends: Vec<f64> = small.points.iter().map(|i| along(&cloud[*i as usize])).collect();
-    ends.sort_by(f64::total_cmp);
-    let cut = (ends.len() as f64 * ENDS) as usize;
-    let (low, high) = (*ends.get(cut)?, *ends.get(ends.len() - 1 - cut)?);
-    // Beyond this the planes are told apart by single points.
-    let reach = TOLD * noise / angle;
-    let near = |held_by_small: bool| {
-        move |point: &u32| {
-            let p = &cloud[*point as usize];
-            let across = (p - on).dot(&u);
-            let off = |s: &Superpoint| ((p - s.center).dot(&s.normal) / noise).powi(2);
-            let (to_small, to_large) = (off(small), off(large));
-            let is_near = across.abs() < reach && (low..high).contains(&along(p)) && to_small.min(to_large) < FAR * FAR;
-            is_near.then_some(Near {
-                u: across,
-                to_small: to_small.min(FAR * FAR),
-                to_large: to_large.min(FAR * FAR),
-                held_by_small,
-                point: *point,
-            })
+    let line = Line::of(small, large)?;
+    let noise = scale.noise.max(small.residual).max(large.residual).max(LEAST_NOISE);
+    let near = line.near(cloud, small, large, noise)?;
+    let change = change(&near)?;
+    let mut held = vec![None; cloud.len()];
+    near.iter().enumerate().for_each(|(k, x)| held[x.point as usize] = Some(k >= change));
+    let (mut of_small, mut of_large) = (Vec::new(), Vec::new());
+    for (points, own) in [(&small.points, true), (&large.points, false)] {
+        for i in points {
+            if held[*i as usize].unwrap_or(own) { of_small.push(*i) } else { of_large.push(*i) }
         }
-    };
-    let mut all: Vec<Near> = small.points.iter().filter_map(near(true)).chain(large.points.iter().filter_map(near(false))).collect();
-    if all.len() < 20 || all.iter().all(|x| x.held_by_small == all[0].held_by_small) {
-        return None;
     }
-    all.sort_by(|a, b| a.u.total_cmp(&b.u));
+    (of_small.len() > FEW && of_large.len() > FEW).then_some((of_small, of_large))
+}
+
+/// Where the planes of two pieces meet.
+struct Line {
+    /// The point of both planes that is nearest to the small piece's middle.
+    on: Point3<f64>,
+    /// Along it.
+    l: Vector3<f64>,
+    /// Across it, in the small piece's plane and to where that lies.
+    u: Vector3<f64>,
+    /// Between the planes, rad.
+    angle: f64,
+}
+
+impl Line {
+    fn of(small: &Superpoint, large: &Superpoint) -> Option<Self> {
+        let angle = small.normal.dot(&large.normal).abs().min(1.0).acos();
+        if !(LEAST..MOST).contains(&angle) {
+            return None;
+        }
+        let l = small.normal.cross(&large.normal).normalize();
+        let u = l.cross(&small.normal);
+        let deep = (large.center - small.center).dot(&large.normal);
+        let on = small.center + u * (deep / u.dot(&large.normal));
+        let u = if (small.center - on).dot(&u) < 0.0 { -u } else { u };
+        Some(Self { on, l, u, angle })
+    }
+
+    /// The points of both pieces about it, as far as the small one reaches along it, by their places across it; none where either has none there.
+    fn near(&self, cloud: &[Point3<f64>], small: &Superpoint, large: &Superpoint, noise: f64) -> Option<Vec<Near>> {
+        let along = |p: &Point3<f64>| (p - self.on).dot(&self.l);
+        let mut ends: Vec<f64> = small.points.iter().map(|i| along(&cloud[*i as usize])).collect();
+        ends.sort_by(f64::total_cmp);
+        let cut = (ends.len() as f64 * ENDS) as usize;
+        let (low, high) = (*ends.get(cut)?, *ends.get(ends.len() - 1 - cut)?);
+        // Beyond this the planes are told apart by single points.
+        let reach = TOLD * noise / self.angle;
+        let near = |point: &u32| {
+            let p = &cloud[*point as usize];
+            let u = (p - self.on).dot(&self.u);
+            let [to_small, to_large] = [small, large].map(|s| ((p - s.center).dot(&s.normal) / noise).powi(2));
+            let is_near = u.abs() < reach && (low..high).contains(&along(p)) && to_small.min(to_large) < FAR * FAR;
+            is_near.then_some(Near { u, to_small: to_small.min(FAR * FAR), to_large: to_large.min(FAR * FAR), point: *point })
+        };
+        let of = |piece: &Superpoint| piece.points.iter().filter_map(near).collect::<Vec<_>>();
+        let (mut all, of_large) = (of(small), of(large));
+        if all.is_empty() || of_large.is_empty() || all.len() + of_large.len() < 2 * FEW {
+            return None;
+        }
+        all.extend(of_large);
+        all.sort_by(|a, b| a.u.total_cmp(&b.u));
+        Some(all)
+    }
+}
+
+/// How many of some points, by their places across the line, follow the large piece's plane before the rest follow the small one's; none where
+/// one plane does for all.
+fn change(all: &[Near]) -> Option<usize> {
     // What is paid if all below k follow the large plane and all from k on the small one; it starts with all on the small one.
-    let mut paid: f64 = all.iter().map(|x| x.to_small).sum();
+    let on_small: f64 = all.iter().map(|x| x.to_small).sum();
     let line = all.partition_point(|x| x.u < 0.0);
+    let mut paid = on_small;
     let (mut least, mut change, mut at_line) = (paid, 0, paid);
     for (k, x) in all.iter().enumerate() {
         paid += x.to_large - x.to_small;
@@ -105,24 +139,12 @@ fn parted(cloud: &[Point3<f64>], small: &Superpoint, large: &Superpoint, scale: 
             at_line = paid;
         }
     }
-    // All on one plane.
-    let alone = paid.min(all.iter().map(|x| x.to_small).sum());
-    if alone - least < SAVED {
+    let on_large = paid;
+    if on_small.min(on_large) - least < SAVED {
         return None;
     }
     // About the line itself both planes are the same: there the points say nothing, and pieces that meet at it are parted by it.
-    if at_line - least < SAVED {
-        change = line;
-    }
-    let mut held = vec![None; cloud.len()];
-    all.iter().enumerate().for_each(|(k, x)| held[x.point as usize] = Some(k >= change));
-    let (mut of_small, mut of_large) = (Vec::new(), Vec::new());
-    for (points, own) in [(&small.points, true), (&large.points, false)] {
-        for i in points {
-            if held[*i as usize].unwrap_or(own) { of_small.push(*i) } else { of_large.push(*i) }
-        }
-    }
-    (of_small.len() > 10 && of_large.len() > 10).then_some((of_small, of_large))
+    Some(if at_line - least < SAVED { line } else { change })
 }
 
 #[cfg(test)]

@@ -2,11 +2,11 @@
 //!
 //! A support reaches beyond what stands on it. A level surface that ends where the object ends is a part of the object.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use crate::ModellingError;
 use crate::grid::{Grid, steps};
-use crate::normal::Local;
+use crate::normal::{Local, mean_and_covariance};
 
 /// Which points are the object's; the height of the surface that was taken away, if any.
 pub(crate) struct Cleared {
@@ -133,16 +133,8 @@ const LEAF: usize = 2;
 const THIN: f64 = 0.25;
 
 /// Do points lie as those of a panel do, whichever way it is turned?
-fn is_panel<'a>(points: impl Iterator<Item = &'a Point3<f64>>) -> bool {
-    let (mut n, mut sum, mut squares) = (0.0, Vector3::zeros(), Matrix3::zeros());
-    for p in points {
-        n += 1.0;
-        sum += p.coords;
-        squares += p.coords * p.coords.transpose();
-    }
-    let mean = sum / f64::max(n, 1.0);
-    let spread = squares / f64::max(n, 1.0) - mean * mean.transpose();
-    let mut lengths: Vec<f64> = spread.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
+fn is_panel(points: impl Iterator<Item = Vector3<f64>> + Clone) -> bool {
+    let mut lengths: Vec<f64> = mean_and_covariance(points).1.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
     lengths.sort_by(f64::total_cmp);
     lengths[0] < THIN * lengths[1]
 }
@@ -157,7 +149,8 @@ pub(crate) fn one_object(points: &[Point3<f64>], object: &mut [bool], diagonal: 
     let total = coarse.len();
     let most = sizes.iter().copied().max().unwrap_or(0);
     // A leaf that stands open may be seen apart from the case that it hangs in.
-    let leaf = |k: usize| sizes[k] * LEAF < most && is_panel(coarse.iter().zip(&of).filter(|(_, c)| **c as usize == k).map(|(p, _)| p));
+    let leaf =
+        |k: usize| sizes[k] * LEAF < most && is_panel(coarse.iter().zip(&of).filter(|(_, c)| **c as usize == k).map(|(p, _)| p.coords));
     let large: Vec<usize> = (0..sizes.len()).filter(|k| sizes[*k] * 8 > total && !leaf(*k)).map(|k| sizes[k]).collect();
     if large.len() > 1 {
         let shares = large.iter().map(|s| format!("{:.0} %", 100.0 * *s as f64 / total as f64)).collect();

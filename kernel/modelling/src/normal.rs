@@ -15,6 +15,13 @@ pub(crate) struct Local {
     pub(crate) support: usize,
 }
 
+/// Mean and covariance of points; zeros of none.
+pub(crate) fn mean_and_covariance(points: impl Iterator<Item = Vector3<f64>> + Clone) -> (Vector3<f64>, Matrix3<f64>) {
+    let n = points.clone().count().max(1) as f64;
+    let mean = points.clone().sum::<Vector3<f64>>() / n;
+    (mean, points.map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / n)
+}
+
 /// The least eigenvector of a covariance, and its eigenvalue.
 pub(crate) fn least(covariance: &Matrix3<f64>) -> (Vector3<f64>, f64) {
     let e = covariance.symmetric_eigen();

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::ModellingError;
 use crate::grid::{Cells, Grid, cell};
-use crate::normal::Local;
+use crate::normal::{Local, mean_and_covariance};
 
 /// Fewest points that say anything.
 pub(crate) const LEAST: usize = 100;
@@ -290,10 +290,7 @@ pub(crate) fn is_sheet(points: &[Point3<f64>], local: &[Local]) -> bool {
 }
 
 fn covariance(points: &[Point3<f64>]) -> Matrix3<f64> {
-    let own = || points.iter().filter(|p| usable(p)).map(|p| p.coords);
-    let n = own().count() as f64;
-    let mean = own().sum::<Vector3<f64>>() / n;
-    own().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / n
+    mean_and_covariance(points.iter().filter(|p| usable(p)).map(|p| p.coords)).1
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::crossing;
 use crate::grid::Grid;
-use crate::normal::{Local, least};
+use crate::normal::{Local, least, mean_and_covariance};
 use crate::seam::BEHIND;
 
 /// A piece of the cloud. In the frame A of the box: z up, sides along x and y.
@@ -59,10 +59,8 @@ pub(crate) const MOST: usize = 96;
 
 impl Superpoint {
     pub(crate) fn of(points: Vec<u32>, cloud: &[Point3<f64>], flat: bool) -> Self {
-        let n = points.len().max(1) as f64;
         let at = |i: &u32| cloud[*i as usize];
-        let mean = points.iter().map(|i| at(i).coords).sum::<Vector3<f64>>() / n;
-        let covariance = points.iter().map(|i| (at(i).coords - mean) * (at(i).coords - mean).transpose()).sum::<Matrix3<f64>>() / n;
+        let (mean, covariance) = mean_and_covariance(points.iter().map(|i| at(i).coords));
         let (normal, value) = least(&covariance);
         // Corners without the outermost hundredth: flying pixels reach far.
         let mut low = Point3::origin();
