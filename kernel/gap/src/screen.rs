@@ -340,11 +340,12 @@ fn by_run(
     let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
     let (share, fall) = along(&change, span, reach(base, hypothesis));
     let mut x = hypothesis.x.clone();
-    // A number that begins near zero begins where the data want it, and so does one that is alone.
+    // A number that begins near zero begins where the data want it, and so does one that is alone, unless it is a limit: more of that is less.
     if let Some(size) = size(base, hypothesis) {
         x[size] *= share;
     } else if let [alone] = &mut x[base.hypothesis.x.len()..]
         && share > 0.0
+        && !matches!(hypothesis.fitted.last().and_then(|f| f.knob.parameter()), Some(("limit", _)))
     {
         *alone = (*alone + share.max(LEAST).ln()).max(hypothesis.fitted[base.hypothesis.x.len()].bounds[0]);
     }
@@ -454,6 +455,21 @@ mod tests {
         let (x, ..) = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &hypothesis).unwrap();
         let begun = x.last().unwrap().exp();
         assert!((0.001..0.004).contains(&begun), "{begun}");
+    }
+
+    /// A drive that clips less than the first start says does so at a higher limit.
+    #[test]
+    fn a_limit_is_not_lowered_because_less_of_it_shows() {
+        let mut log = swing(&with(&door(), "actuator_saturation", &[("limit", 0.5)]), 1e-4, 1);
+        log.joints[0].command = log.joints[0].effort.clone().map(|sent| (sagci_recording::CommandKind::Effort, sent));
+        let logs = [Trajectory::new(&log, &door()).unwrap()];
+        let search = Search::new(&door(), &logs).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let hypothesis = base.hypothesis.with("actuator_saturation", Some("hinge"), &[0.1]).unwrap();
+        let rough = search.problem.roughly();
+        let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
+        let (x, ..) = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &hypothesis).unwrap();
+        assert!(x.last().unwrap().exp() >= 0.1 - 1e-9, "{x:?}");
     }
 
     /// What stamps positions late may stamp efforts late, too, and a part of that looks like a drive's delay.
