@@ -79,6 +79,8 @@ pub(crate) struct Screened {
     pub hypothesis: Hypothesis,
     /// Roughly the logarithm of its evidence over that of the base model.
     pub worth: f64,
+    /// The same where a fit of it begins, if one run along its own direction has said how far it may come.
+    pub held: f64,
     /// It is a force on its joint, and has few numbers.
     pub plain: bool,
 }
@@ -100,17 +102,19 @@ impl Search<'_> {
             if !t.linear && !t.joint.is_none_or(|j| pushed[j]) {
                 return None;
             }
-            let (x, worth, change) = if t.linear {
+            let (x, worth, held, change) = if t.linear {
                 let (x, gain) = self.by_response(base, response, &span, &t, scale, ROUNDS);
-                (x, worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain), None)
+                let worth = worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain);
+                (x, worth, worth, None)
             } else {
-                let (x, gain, change) = by_run(&rough, &rough_base, &span, base, &t.hypothesis)?;
-                (x, worth(t.numbers, gain), starts::sum(t.effect.description().name, &[(1.0, &t.values)]).map(|_| change))
+                let Begin { x, promised, held, change } = by_run(&rough, &rough_base, &span, base, &t)?;
+                let change = starts::sum(t.effect.description().name, &[(1.0, &t.values)]).map(|_| change);
+                (x, worth(t.numbers, promised), worth(t.numbers, held), change)
             };
             let hypothesis = Hypothesis { x, ..t.hypothesis };
             let (effect, joint, linear) = (t.effect.description().name, t.joint, t.linear);
             let plain = t.plain;
-            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, plain }, change.map(|c| (t.values, c))))
+            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, held, plain }, change.map(|c| (t.values, c))))
         };
         let mut tries = self.tries(base, views);
         tries.retain(|t| t.hypothesis.x.len() - base.hypothesis.x.len() <= most);
@@ -308,7 +312,8 @@ impl Search<'_> {
 /// Of effects, each with its starts, those that go on to the simulator, the most promising first.
 ///
 /// Small forces act linearly: what the screen sees far below the base model's evidence will not be convincing. What one run promises along its
-/// own direction may not hold, least where a model sticks, so those that were fitted are not asked to keep up with it.
+/// own direction may not hold, least where a model sticks, so those that were fitted are not asked to keep up with it, and none is asked to keep
+/// up with more than what is there already where a fit begins.
 fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
     ranked.sort_by(|a, b| b[0].worth.total_cmp(&a[0].worth));
     let mut count = 0;
@@ -316,7 +321,10 @@ fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
         count += 1;
         count <= SEMIFINALISTS || r[0].plain
     });
-    let most = |linear: bool| ranked.iter().find(|r| r[0].linear == linear).map_or(0.0, |r| r[0].worth);
+    let most = |linear: bool| {
+        let held = ranked.iter().filter(|r| r[0].linear == linear).map(|r| r[0].worth.min(r[0].held));
+        held.fold(0.0, f64::max)
+    };
     let most = [most(false), most(true)];
     let mut place = 0;
     ranked.retain(|r| {
@@ -328,28 +336,35 @@ fn worth_a_fit(mut ranked: Vec<Vec<Screened>>) -> Vec<Vec<Screened>> {
     ranked
 }
 
-/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps: where a fit begins,
-/// the fall of the sum of squares along the change that the effect makes, and that change.
-fn by_run(
-    problem: &Problem<'_>,
-    errors: &DVector<f64>,
-    span: &Span,
-    base: &Fit,
-    hypothesis: &Hypothesis,
-) -> Option<(Vec<f64>, f64, Change)> {
-    let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
-    let (share, fall) = along(&change, span, reach(base, hypothesis));
+/// Where a fit begins, after one run of the simulator.
+struct Begin {
+    x: Vec<f64>,
+    /// Falls of the sum of squares: along the change that the effect makes in that run, and where the fit begins.
+    promised: f64,
+    held: f64,
+    change: Change,
+}
+
+/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps, and one where its fit
+/// begins, if that is elsewhere.
+fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit, t: &Try) -> Option<Begin> {
+    let hypothesis = &t.hypothesis;
+    let change_at = |x: &[f64]| Some(span.of(problem.errors(hypothesis, x).ok()? - errors));
+    let change = change_at(&hypothesis.x)?;
+    let (share, promised) = along(&change, span, reach(base, hypothesis));
     let mut x = hypothesis.x.clone();
-    // A number that begins near zero begins where the data want it, and so does one that is alone, unless it is a limit: more of that is less.
+    // A number that begins near zero begins where the data want it, and so does one that is alone, unless more of it is less.
     if let Some(size) = size(base, hypothesis) {
         x[size] *= share;
     } else if let [alone] = &mut x[base.hypothesis.x.len()..]
         && share > 0.0
-        && !matches!(hypothesis.fitted.last().and_then(|f| f.knob.parameter()), Some(("limit", _)))
+        && !t.effect.description().parameters.iter().any(|p| p.bounding)
     {
         *alone = (*alone + share.max(LEAST).ln()).max(hypothesis.fitted[base.hypothesis.x.len()].bounds[0]);
     }
-    fall.is_finite().then_some((x, fall, change))
+    let there = if x == hypothesis.x { Some(change.clone()) } else { change_at(&x) };
+    let held = there.map_or(f64::NEG_INFINITY, |there| fall(&there, span, 1.0));
+    promised.is_finite().then_some(Begin { x, promised, held, change })
 }
 
 /// The first of an effect's numbers that is not zero, if its force is linear in that one.
@@ -373,9 +388,13 @@ fn along(change: &Change, span: &Span, [least, most]: [f64; 2]) -> (f64, f64) {
     if size.is_nan() || size <= 0.0 || least.is_nan() || most.is_nan() {
         return (1.0, f64::NEG_INFINITY);
     }
-    let slope = change.dot(&span.errors);
-    let share = (-slope / size).max(least).min(most);
-    (share, -share * (2.0 * slope + share * size))
+    let share = (-change.dot(&span.errors) / size).max(least).min(most);
+    (share, fall(change, span, share))
+}
+
+/// By how much the sum of squares falls with so many times a change.
+fn fall(change: &Change, span: &Span, share: f64) -> f64 {
+    -share * (2.0 * change.dot(&span.errors) + share * change.norm_squared())
 }
 
 #[cfg(test)]
@@ -386,7 +405,7 @@ mod tests {
     use crate::trajectory::Trajectory;
 
     fn screened(effect: &'static str, linear: bool, plain: bool, worth: f64) -> Vec<Screened> {
-        vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, plain }]
+        vec![Screened { linear, effect, joint: Some(0), hypothesis: Hypothesis::known(&door(), &[]), worth, held: worth, plain }]
     }
 
     fn kept(all: Vec<Vec<Screened>>) -> Vec<&'static str> {
@@ -442,34 +461,53 @@ mod tests {
         assert!(kept.contains(&"torque_bias") && !kept.contains(&"hard_stop"), "{kept:?}");
     }
 
+    /// Where a fit of one effect begins, on a door with another that is hidden.
+    fn begun(hidden: (&str, &[(&str, f64)]), effect: &'static str, values: &[f64]) -> (Begin, f64) {
+        let mut log = swing(&with(&door(), hidden.0, hidden.1), 1e-4, 1);
+        log.joints[0].command = log.joints[0].effort.clone().map(|sent| (sagci_recording::CommandKind::Effort, sent));
+        let logs = [Trajectory::new(&log, &door()).unwrap()];
+        let search = Search::new(&door(), &logs).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let hypothesis = base.hypothesis.with(effect, Some("hinge"), values).unwrap();
+        let effect = effects::find(effect).unwrap();
+        let t = Try { effect, joint: Some(0), values: values.to_vec(), hypothesis, linear: false, plain: false, numbers: 1 };
+        let rough = search.problem.roughly();
+        let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
+        let begin = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &t).unwrap();
+        let first = begin.x.last().unwrap().exp();
+        (begin, first)
+    }
+
     /// A mode near a link's frequency: with three times the rotor's inertia that there is a fit is lost.
     #[test]
     fn a_number_alone_begins_as_large_as_one_run_says_that_it_is() {
-        let truth = with(&door(), "armature_inertia", &[("inertia", 0.002)]);
-        let logs = [Trajectory::new(&swing(&truth, 1e-4, 1), &door()).unwrap()];
-        let search = Search::new(&door(), &logs).unwrap();
-        let base = search.known(&door(), 1.0).unwrap();
-        let hypothesis = base.hypothesis.with("armature_inertia", Some("hinge"), &[0.02]).unwrap();
-        let rough = search.problem.roughly();
-        let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
-        let (x, ..) = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &hypothesis).unwrap();
-        let begun = x.last().unwrap().exp();
-        assert!((0.001..0.004).contains(&begun), "{begun}");
+        let (begin, first) = begun(("armature_inertia", &[("inertia", 0.002)]), "armature_inertia", &[0.02]);
+        assert!((0.001..0.004).contains(&first) && begin.held > 0.5 * begin.promised, "{first}");
     }
 
     /// A drive that clips less than the first start says does so at a higher limit.
     #[test]
     fn a_limit_is_not_lowered_because_less_of_it_shows() {
-        let mut log = swing(&with(&door(), "actuator_saturation", &[("limit", 0.5)]), 1e-4, 1);
-        log.joints[0].command = log.joints[0].effort.clone().map(|sent| (sagci_recording::CommandKind::Effort, sent));
-        let logs = [Trajectory::new(&log, &door()).unwrap()];
-        let search = Search::new(&door(), &logs).unwrap();
-        let base = search.known(&door(), 1.0).unwrap();
-        let hypothesis = base.hypothesis.with("actuator_saturation", Some("hinge"), &[0.1]).unwrap();
-        let rough = search.problem.roughly();
-        let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
-        let (x, ..) = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &hypothesis).unwrap();
-        assert!(x.last().unwrap().exp() >= 0.1 - 1e-9, "{x:?}");
+        let (_, first) = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
+        assert!(first >= 0.1 - 1e-9, "{first}");
+    }
+
+    /// A small part of what a low limit changes looks like anything.
+    #[test]
+    fn what_does_not_come_of_a_promise_is_told_from_it() {
+        let (begin, _) = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
+        assert!(begin.promised > 0.0 && begin.held < 0.0, "{} {}", begin.promised, begin.held);
+    }
+
+    #[test]
+    fn a_promise_that_is_not_kept_silences_no_other() {
+        // A planar arm with a delay: a limit of the drive that a run makes 65,000 times less likely.
+        let mut all = vec![screened("actuator_saturation", false, false, 495.0)];
+        all[0][0].held = -65_000.0;
+        let others = ["actuator_lag", "torque_gain", "joint_elasticity", "encoder_offset", "backlash"];
+        all.extend(others.into_iter().zip([140.0, 108.0, 93.0, 54.0, 20.0]).map(|(e, worth)| screened(e, false, false, worth)));
+        let kept = kept(all);
+        assert!(kept.contains(&"actuator_saturation") && kept.contains(&"encoder_offset") && !kept.contains(&"backlash"), "{kept:?}");
     }
 
     /// What stamps positions late may stamp efforts late, too, and a part of that looks like a drive's delay.

@@ -9,7 +9,7 @@ static DESCRIPTION: Description = Description {
     name: "actuator_saturation",
     summary: "the command is clipped: from -limit to limit",
     acts: Acts::Command(1),
-    parameters: &[Parameter::new("limit", unit::EFFORT, SIZE, [around(20.0, 1.2), around(50.0, 1.2)])],
+    parameters: &[Parameter::new("limit", unit::EFFORT, SIZE, [around(20.0, 1.2), around(50.0, 1.2)]).bounding()],
     signature: "only at the extremes",
     confused_with: &["quadratic_drag"],
     experiment: "amplitude ladder",

@@ -124,6 +124,8 @@ pub struct Parameter {
     pub multiple: Option<Multiple>,
     /// The prior's size is a published figure, and not an engineer's estimate.
     pub cited: bool,
+    /// The larger it is the less the effect does.
+    pub bounding: bool,
     /// Words for the values of [`Prior::OneOf`], under which `model.yaml` gives them as `choices`; the first is the default.
     /// Empty for numbers.
     pub words: &'static [&'static str],
@@ -132,7 +134,7 @@ pub struct Parameter {
 impl Parameter {
     /// An estimate.
     pub(in crate::effects) const fn new(name: &'static str, unit: [&'static str; 2], bounds: [f64; 2], prior: [Prior; 2]) -> Self {
-        Self { name, unit, bounds, prior, of_second: None, multiple: None, cited: false, words: &[] }
+        Self { name, unit, bounds, prior, of_second: None, multiple: None, cited: false, bounding: false, words: &[] }
     }
 
     /// A choice among words.
@@ -148,6 +150,11 @@ impl Parameter {
     /// The same, known as a multiple of a parameter that comes before it.
     pub(in crate::effects) const fn times(self, of: &'static str, median: f64, spread: f64) -> Self {
         Self { multiple: Some(Multiple { of, median, spread }), ..self }
+    }
+
+    /// The same, with less of the effect the larger it is.
+    pub(in crate::effects) const fn bounding(self) -> Self {
+        Self { bounding: true, ..self }
     }
 
     /// The same with a published size.
