@@ -228,6 +228,8 @@ fn a_name_is_not_bent_to_another_shape() {
     let stop = |share: f64, side: f64| is_shaped("hard_stop", &[1e3, 1e2, low + share * (high - low), side]);
     assert!(stop(0.8, 1.0) && stop(0.2, -1.0) && stop(1.5, 1.0), "it stops the joint, or is never reached");
     assert!(!stop(0.6, 1.0) && !stop(0.4, -1.0));
+    // What turns the joint round in half a second is a spring of one side.
+    assert!(!is_shaped("hard_stop", &[search.inertias[0] * 36.0, 1.0, low + 0.8 * (high - low), 1.0]));
     // A mass that nothing moves explains a motion that goes on as it went.
     let payload = |mass: f64| is_shaped("payload", &[mass, 0.3, 0.0, 0.0]);
     assert!(payload(3.0) && !payload(300.0));

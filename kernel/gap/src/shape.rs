@@ -1,6 +1,8 @@
 //! Do fitted effects have the shapes that their names stand for? A fit bends a name to whatever is there: a friction that rises with speed to a
 //! drag, a stop to a spring that grows stiffer half way.
 
+use std::f64::consts::PI;
+
 use sagci_dynamics::effects::{self, Description};
 use sagci_model::EffectEntry;
 
@@ -12,6 +14,8 @@ use crate::view::SELDOM;
 /// Share of its way that a joint goes into a stop, at the most: what gives way by more does not stop it. But for a few moments, as where a
 /// recording begins beyond a stop that throws the joint out.
 const DEEPEST: f64 = 0.25;
+/// Longest time in which a stop turns a free joint round, s: half an oscillation of the joint on it. What takes longer is a spring.
+const SLOWEST: f64 = 0.3;
 /// How many times as heavy as its link a payload is, at the most.
 const HEAVIEST: f64 = 20.0;
 
@@ -32,9 +36,12 @@ impl Search<'_> {
         })
     }
 
-    /// Does a stop hold a joint where these data go to its end?
+    /// Does a stop hold a joint where these data go to its end, and soon?
     fn stops(&self, joint: usize, stop: &[f64]) -> bool {
-        let &[_, _, position, side] = stop else { return true };
+        let &[stiffness, _, position, side] = stop else { return true };
+        if PI * (self.inertias[joint] / stiffness).sqrt() > SLOWEST {
+            return false;
+        }
         let [low, high] = Trajectory::range(self.problem.trajectories, joint);
         let too_deep = |y: &f64| side * (y - position) > DEEPEST * (high - low);
         let reached = || self.problem.trajectories.iter().flat_map(|t| t.positions(joint)).filter(|y| y.is_finite());
