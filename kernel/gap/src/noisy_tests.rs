@@ -6,9 +6,10 @@ use rand_pcg::Pcg64;
 use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
+use crate::fit::Fit;
 use crate::noise::normal;
 use crate::plant::Plant;
-use crate::search::Search;
+use crate::search::{FLOOR, Search};
 use crate::tests::{door, driven, swing, with};
 use crate::trajectory::Trajectory;
 use crate::{Options, find};
@@ -62,6 +63,22 @@ fn jumps_of_the_effort_do_not_hide_its_noise() {
     let fit = search.known(&model, 1.0).unwrap();
     let share = search.problem.share_of_noise(&fit, 0, 0.1 * LOUD).unwrap();
     assert!(share > 0.85, "{share} {:?}", search.jitter);
+}
+
+/// What two effects do looks like noise while one of them has no name, and beside that noise a third looks as good as the second.
+#[test]
+fn a_floor_that_was_raised_for_want_of_a_name_comes_down_with_it() {
+    let model = door();
+    let data =
+        [Trajectory::new(&swing(&with(&model, "joint_spring", &[("stiffness", 0.3), ("rest_position", 0.7)]), 1e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &data).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let raised = search.likelier_noise(&base).unwrap().unwrap();
+    assert!(raised.share[0] > 3.0 * FLOOR, "{raised:?}");
+    let search = search.with_noise(raised);
+    let spring = base.hypothesis.with("joint_spring", Some("hinge"), &[0.3, 0.7]).unwrap();
+    let named = search.fit_on(Fit::start(&search.problem, spring).unwrap(), 1.0).unwrap();
+    assert_eq!(search.likelier_noise(&named).unwrap().unwrap().share, [FLOOR]);
 }
 
 /// An error would weigh nothing where a drive is at its limit, and everything elsewhere.

@@ -362,9 +362,12 @@ impl<'a> Search<'a> {
     }
 
     /// A candidate that was begun over a part of the data, as all of them see it: there an effect whose inner state is not known where a stretch
-    /// begins is judged fairly.
-    fn carried(&self, base: &Fit, candidate: Candidate, scale: f64) -> Option<Candidate> {
-        let mut fit = Fit::start(&self.problem, candidate.fit.hypothesis).ok()?;
+    /// begins is judged fairly. Numbers of the base that have left it to suit the part go back to it, if that suits all of them better.
+    pub fn carried(&self, base: &Fit, candidate: Candidate, scale: f64) -> Option<Candidate> {
+        let mut back = candidate.fit.hypothesis.clone();
+        back.x[..base.hypothesis.x.len()].copy_from_slice(&base.hypothesis.x);
+        let begun = [candidate.fit.hypothesis, back].into_iter().filter_map(|hypothesis| Fit::start(&self.problem, hypothesis).ok());
+        let mut fit = begun.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
         fit.judged = base.judged + fit.squares - base.squares;
         fit.differentiate(&self.problem.roughly(), Some(&base.jacobian)).ok()?;
         let evidence = self.evidence(&fit, scale);

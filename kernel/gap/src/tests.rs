@@ -148,6 +148,22 @@ fn stretches_of_the_data_are_predicted_as_within_the_whole() {
     assert!(off < 1e-4 * size, "{off} of {size}");
 }
 
+/// A fit to stretches bends what is named already to what these happen to show; nobody would look for a second name from there.
+#[test]
+fn what_suits_a_part_is_not_carried_over_where_it_suits_nothing() {
+    let (model, truth) = (door(), with(&door(), "torque_bias", &[("bias", 0.05)]));
+    let whole = [Trajectory::new(&swing(&truth, 2e-4, 1), &model).unwrap()];
+    let search = Search::new(&model, &whole).unwrap();
+    let base = search.known(&model, 1.0).unwrap();
+    let mut bent = base.hypothesis.with("torque_bias", Some("hinge"), &[0.05]).unwrap();
+    bent.x.iter_mut().zip(&bent.fitted[..base.hypothesis.x.len()]).for_each(|(x, f)| *x += 3.0 * f.prior[1]);
+    let lost = Fit::start(&search.problem, bent).unwrap();
+    assert!(lost.squares > base.squares);
+    let candidate = Candidate { effect: "torque_bias", joint: Some(0), fit: lost, evidence: 0.0 };
+    let carried = search.carried(&base, candidate, 1.0).unwrap();
+    assert!(carried.fit.squares < base.squares, "{} {}", carried.fit.squares, base.squares);
+}
+
 /// A joint that is led to and fro would show a search one side of its range, if stretches came as often as it does.
 #[test]
 fn stretches_show_every_phase_of_a_motion_with_a_period() {

@@ -405,14 +405,14 @@ impl<'a> Search<'a> {
                 *effort = share.sqrt() * self.jitter[j];
             }
         }
-        // How often the floor has been raised already.
-        let raised = now.share[0] / FLOOR;
+        // With another name the floor may have been raised too much: what is left without it looks like noise.
+        now.share.fill(FLOOR);
         let mobility = self.problem.mobility(&plant);
         let drives = self.problem.drives(&plant);
         let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility, &drives);
         let part = part::stretches(self.problem.trajectories);
         let trajectories = part.as_deref().unwrap_or(self.problem.trajectories);
-        let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE / raised], Seek::Cautiously);
+        let factors = likely_noise(&plant, trajectories, &behind, [1.0, MOST_NOISE], Seek::Cautiously);
         let likelier = now.times(factors);
         Ok((likelier != self.problem.disturbance).then_some(likelier))
     }
