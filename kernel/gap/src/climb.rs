@@ -54,6 +54,9 @@ pub(crate) struct Climb<'a> {
     holds_small: bool,
     /// Some names make less than any model is off by: they are there for what they add up to over windows, and rows tell little of their numbers.
     pub adds_up: bool,
+    /// Two names stand in the place of two others. These are not asked for others again: what is simpler and what says a little more might take
+    /// turns.
+    pub both_gave_way: bool,
     /// The likeliest, where a plainer one was put before it.
     passed: Option<Vec<Candidate>>,
     /// Where it stood when the first name was to be chosen, among which.
@@ -96,6 +99,7 @@ impl<'a> Climb<'a> {
             nameless_won: false,
             holds_small: false,
             adds_up: false,
+            both_gave_way: false,
             passed: None,
             first: None,
         }

@@ -91,13 +91,6 @@ impl<'a> Measure<'a> {
         Ok(self.smoothed(&plants, self.data)?.by_window(&plants[1], self.data, self.window, &self.ranges))
     }
 
-    /// In the median window, of a hypothesis where it stands.
-    pub fn in_usual_window(&self, hypothesis: &Hypothesis) -> Result<f64, GapError> {
-        let mut all = self.by_window(hypothesis)?;
-        all.sort_by(f64::total_cmp);
-        Ok(all.get(all.len() / 2).copied().unwrap_or(0.0))
-    }
-
     /// Starts of windows as a hypothesis sees the data, for others to go on from.
     pub fn started(&self, hypothesis: &Hypothesis) -> Result<Started<'_>, GapError> {
         Ok(Started { measure: self, smoothed: self.smoothed(&self.plants(hypothesis, None)?, self.data)? })

@@ -73,6 +73,11 @@ impl Search<'_> {
 }
 
 impl Measure<'_> {
+    /// In the median window, of a hypothesis where it stands.
+    pub fn in_usual_window(&self, hypothesis: &Hypothesis) -> Result<f64, GapError> {
+        Ok(usual(&self.by_window(hypothesis)?, HALF))
+    }
+
     /// By how much one model predicts windows better than another, each name being asked for its share, if both are fitted to that.
     pub fn lead(&self, of: &Hypothesis, before: &Hypothesis) -> Result<f64, GapError> {
         let worth = |hypothesis: &Hypothesis| {

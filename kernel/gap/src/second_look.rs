@@ -24,12 +24,10 @@ impl Climb<'_> {
         let first = (self.chosen[0].best.effect, self.chosen[0].best.joint);
         // First what the others say as well: beside a name that falls out, another would be compared with strangers.
         self.drop_idle(ascent);
-        // Two that stood in the place of two others are not asked for others again: what is simpler and what says a little more might take turns.
-        let mut may_both = true;
         loop {
             let mut at = 0;
             while at < self.chosen.len() && self.chosen.len() > 1 {
-                if self.gives_way(at, ascent, &mut may_both)? {
+                if self.gives_way(at, ascent)? {
                     self.drop_idle(ascent);
                     at = 0;
                 } else {
@@ -43,7 +41,7 @@ impl Climb<'_> {
         if let [alone] = self.chosen.as_slice()
             && (alone.best.effect, alone.best.joint) != first
         {
-            self.gives_way(0, ascent, &mut false)?;
+            self.gives_way(0, ascent)?;
         }
         // The order of entries is that of the numbers in the hypothesis.
         let document = &self.current.hypothesis.model.document;
@@ -118,7 +116,7 @@ impl Climb<'_> {
     }
 
     /// Asks what else may stand in the place of a name. True where another does.
-    fn gives_way(&mut self, at: usize, ascent: &Ascent<'_>, may_both: &mut bool) -> Result<bool, GapError> {
+    fn gives_way(&mut self, at: usize, ascent: &Ascent<'_>) -> Result<bool, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let Some(less) = self.without(&[at]) else { return Ok(false) };
         let (search, current, scale) = (&self.search, &self.current, self.scale);
@@ -152,11 +150,7 @@ impl Climb<'_> {
         let choice = &mut self.chosen[at];
         choice.around(search, &candidates, [with, without], scale);
         choice.explained = explained;
-        if *may_both && self.both_give_way(at, &candidates, [with, without], ascent)? {
-            *may_both = false;
-            return Ok(true);
-        }
-        Ok(false)
+        self.both_give_way(at, &candidates, [with, without], ascent)
     }
 
     /// Asks, of two names, whether both give way: one that says nearly as much in the place of the first may have another beside it that says more
@@ -170,7 +164,7 @@ impl Climb<'_> {
     ) -> Result<bool, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let (search, current, scale) = (&self.search, &self.current, self.scale);
-        if self.chosen.len() != 2 || search.many_joints() {
+        if self.both_gave_way || self.chosen.len() != 2 || search.many_joints() {
             return Ok(false);
         }
         let [one, other] = [at, 1 - at].map(|i| self.chosen[i].best.effect);
@@ -202,7 +196,7 @@ impl Climb<'_> {
                 Choice::new(search, candidates, here, self.chosen[which].nameless, explained, scale)
             };
             let chosen = vec![choice(&first, without, at), choice(&instead, beside, 1 - at)];
-            (self.current, self.chosen) = (best.fit.clone(), chosen);
+            (self.current, self.chosen, self.both_gave_way) = (best.fit.clone(), chosen, true);
             return Ok(true);
         }
         Ok(false)
