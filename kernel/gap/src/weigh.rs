@@ -52,6 +52,8 @@ const NEAR: f64 = 30.0;
 const JITTER: f64 = 0.1;
 /// Share of a rich effect's fall of squares that a plain one needs to be tried with a second.
 const PLAIN: f64 = 0.6;
+/// How many numbers a plain one has, the plainest first.
+const PLAINEST: [usize; 2] = [1, 2];
 /// Most by which the noise of accelerations may exceed its floor while names are sought: a model that is not trusted explains nothing.
 const MOST_NOISE: f64 = 8.0;
 /// Fall of the cost below which fits over all of an arm's data may be compared: derivatives that nearly hold bring little at a time, and evidence
@@ -214,7 +216,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Puts an effect of one number first, where it and a second one of few numbers say together what a rich one says alone, or more, or
+    /// Puts an effect of one or two numbers first, where it and a second one of few numbers say together what a rich one says alone, or more, or
     /// nearly so and predict whole windows better: two plain losses look like one of five numbers.
     pub fn prefer_two(
         &self,
@@ -228,25 +230,33 @@ impl<'a> Search<'a> {
         let here = self.evidence(current, scale);
         // What the data say nothing of is no number of a force.
         let more = |fit: &Fit| (current.hypothesis.x.len()..fit.hypothesis.x.len()).filter(|i| fit.is_told(*i, scale)).count();
+        let numbers = |c: &Candidate| c.fit.hypothesis.x.len() - current.hypothesis.x.len();
         let fall = |c: &Candidate| current.squares - c.fit.squares;
-        let plain = |c: &&Candidate| more(&c.fit) == 1 && fall(c) > PLAIN * fall(best);
-        let Some(plain) = candidates.iter().find(plain).filter(|_| more(&best.fit) > 2) else { return Ok(()) };
-        // Where nothing can be found beside the plain one, it stays alone. Together they have fewer numbers than the rich one. What makes the same
-        // force, or says nearly as much, comes at least half of the way there.
-        let half_way = 0.5 * (best.evidence - plain.evidence);
-        let nearly = NEARLY * (best.evidence - here) - (plain.evidence - here);
-        let mut second = self.stage_within(&plain.fit, scale, more(&best.fit) - 2, half_way.min(nearly).max(0.0)).unwrap_or_default();
-        second.retain(|c| more(&c.fit) < more(&best.fit));
-        self.rank(&mut second, scale);
-        let Some(two) = second.first() else { return Ok(()) };
-        let gap = self.gap(model, window);
-        let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
-        // Two names ask for more than one does, and give way to one that says more.
-        let says_more = || self.is_convincing(model, &best.fit, &two.fit, two.evidence - best.evidence, window);
-        let says_less = || self.is_convincing(model, &two.fit, &best.fit, best.evidence - two.evidence, window);
-        if self.force_between(&two.fit, &best.fit)? < SAME && !says_less() || says_more() || nearly() {
-            let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
-            candidates[..=at].rotate_right(1);
+        let rich = more(&best.fit);
+        for plain_numbers in PLAINEST {
+            let is_plain = |c: &Candidate| more(&c.fit) == plain_numbers && (plain_numbers == 1 || numbers(c) == plain_numbers);
+            let plain = |c: &&Candidate| is_plain(c) && fall(c) > PLAIN * fall(best);
+            // Together they have fewer numbers than the rich one.
+            let Some(left) = rich.checked_sub(plain_numbers + 1).filter(|left| *left > 0) else { continue };
+            let Some(plain) = candidates.iter().find(plain) else { continue };
+            // Where nothing can be found beside the plain one, it stays alone. What makes the same force, or says nearly as much, comes at least half
+            // of the way there.
+            let half_way = 0.5 * (best.evidence - plain.evidence);
+            let nearly = NEARLY * (best.evidence - here) - (plain.evidence - here);
+            let mut second = self.stage_within(&plain.fit, scale, left, half_way.min(nearly).max(0.0)).unwrap_or_default();
+            second.retain(|c| more(&c.fit) < rich);
+            self.rank(&mut second, scale);
+            let Some(two) = second.first() else { continue };
+            let gap = self.gap(model, window);
+            let nearly = || two.evidence - here > NEARLY * (best.evidence - here) && gap(&two.fit) < gap(&best.fit);
+            // Two names ask for more than one does, and give way to one that says more.
+            let says_more = || self.is_convincing(model, &best.fit, &two.fit, two.evidence - best.evidence, window);
+            let says_less = || self.is_convincing(model, &two.fit, &best.fit, best.evidence - two.evidence, window);
+            if self.force_between(&two.fit, &best.fit)? < SAME && !says_less() || says_more() || nearly() {
+                let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
+                candidates[..=at].rotate_right(1);
+                return Ok(());
+            }
         }
         Ok(())
     }
