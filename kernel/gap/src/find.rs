@@ -90,7 +90,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 
     let ascent = Ascent { model, window: options.window, seed: options.seed, say: &say };
     let mut climb = Climb::new(search, base).finish(&ascent)?;
-    climb.look_again(&ascent)?;
+    if let Err(error) = climb.look_again(&ascent) {
+        notes.push(format!("a second look at the names was not brought to its end: {error}"));
+    }
     let Climb { mut search, base, mut current, mut scale, chosen, lost, nameless_won, adds_up, .. } = climb;
 
     say("fitting to the end");

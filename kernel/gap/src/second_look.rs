@@ -15,12 +15,21 @@ const NEAREST: usize = 2;
 
 impl Climb<'_> {
     /// Looks again at each of several names. The first, if it remains alone, keeps what was said of it when nothing else was there; another that
-    /// does is asked about again, since it was chosen beside one that is gone.
+    /// does is asked about again, since it was chosen beside one that is gone. Where it fails half way, names stand as they did last.
     pub fn look_again(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
         if self.chosen.len() < 2 {
             return Ok(());
         }
         (ascent.say)("looking again at each effect beside the others");
+        let outcome = self.look_at_each(ascent);
+        // The order of entries is that of the numbers in the hypothesis.
+        let document = &self.current.hypothesis.model.document;
+        let names: Vec<String> = entries(&self.current.hypothesis).iter().map(|e| document.effects[*e].effect.clone()).collect();
+        self.chosen.sort_by_key(|c| names.iter().position(|n| n == c.best.effect).unwrap_or(usize::MAX));
+        outcome
+    }
+
+    fn look_at_each(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
         let first = (self.chosen[0].best.effect, self.chosen[0].best.joint);
         // First what the others say as well: beside a name that falls out, another would be compared with strangers.
         self.drop_idle(ascent);
@@ -43,10 +52,6 @@ impl Climb<'_> {
         {
             self.gives_way(0, ascent)?;
         }
-        // The order of entries is that of the numbers in the hypothesis.
-        let document = &self.current.hypothesis.model.document;
-        let names: Vec<String> = entries(&self.current.hypothesis).iter().map(|e| document.effects[*e].effect.clone()).collect();
-        self.chosen.sort_by_key(|c| names.iter().position(|n| n == c.best.effect).unwrap_or(usize::MAX));
         Ok(())
     }
 
