@@ -22,6 +22,8 @@ pub(crate) struct JointView {
     pub efforts: Vec<f64>,
     /// Positions at which the lacking force stands out, the most conspicuous first.
     pub places: Vec<f64>,
+    /// What it is pressed into at the ends of its way, where it hardly moves.
+    pub pressed: Vec<Pressed>,
     /// Cycles a turn at which the lacking force repeats, the strongest first.
     pub cycles: Vec<f64>,
     /// Length of the data in time, s.
@@ -37,6 +39,17 @@ pub(crate) struct JointView {
     pub axis: [f64; 3],
     /// Gravity in the link's frame where all joints are at zero, m/s^2.
     pub gravity: [f64; 3],
+}
+
+/// A force that sets in at a position and grows beyond it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pressed {
+    /// N m/rad or N/m.
+    pub stiffness: f64,
+    /// Where it sets in, rad or m.
+    pub position: f64,
+    /// Minus one at the lower end.
+    pub side: f64,
 }
 
 impl JointView {
@@ -122,7 +135,8 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
             // A joint may begin a recording beyond its stop, which then throws it out.
             let [bottom, top] = view.usual;
             let passed = [vec![k, 0.1 * k, top - 0.01 * r, 1.0], vec![k, 0.1 * k, bottom + 0.01 * r, -1.0]];
-            let ends = end(0.01 * r, k).into_iter().chain(stopped).chain(passed);
+            let pressed = view.pressed.iter().map(|p| vec![p.stiffness, 0.1 * p.stiffness, p.position, p.side]);
+            let ends = end(0.01 * r, k).into_iter().chain(stopped).chain(passed).chain(pressed);
             let amid = places.iter().flat_map(|p| [1.0, -1.0].map(|side| vec![4.0 * f / r, 2.0 * f / v, *p, side]));
             ends.chain(amid).collect()
         }

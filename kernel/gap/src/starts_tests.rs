@@ -24,6 +24,7 @@ fn view() -> JointView {
         inertia: 0.02,
         efforts,
         places: vec![0.0],
+        pressed: Vec::new(),
         cycles: Vec::new(),
         duration: 10.0,
         period: 0.005,

@@ -13,7 +13,7 @@ use crate::observer::Run;
 use crate::response::Response;
 use crate::search::Search;
 use crate::span::Span;
-use crate::starts::JointView;
+use crate::starts::{JointView, Pressed};
 use crate::trajectory::Trajectory;
 
 const BINS: usize = 40;
@@ -57,6 +57,32 @@ fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
         }
     }
     chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
+}
+
+/// Share of a joint's way at whose ends something may press against it, of its usual speed below which it hardly moves, and of the largest force there
+/// from which on a force is that; and how many rows tell.
+const AT_THE_END: f64 = 0.3;
+const HARDLY: f64 = 0.3;
+const PRESSES: f64 = 0.25;
+const TELL: usize = 20;
+
+/// A line through the lacking force over position at each end of the way, where the joint hardly moves: what it is pressed into. How deep it sinks
+/// says nothing of that where a drive pushes on.
+fn pressed(rows: &[[f64; 4]], [low, high]: [f64; 2], speed: f64) -> Vec<Pressed> {
+    let at = |side: f64| {
+        let end = if side > 0.0 { high } else { low };
+        let near = |[_, q, v, _]: &&[f64; 4]| side * (end - q) < AT_THE_END * (high - low) && v.abs() < HARDLY * speed;
+        let there: Vec<[f64; 2]> = rows.iter().filter(near).map(|[f, q, _, _]| [side * q, side * f]).collect();
+        let least = PRESSES * there.iter().map(|[_, f]| *f).fold(0.0, f64::max);
+        let there: Vec<[f64; 2]> = there.into_iter().filter(|[_, f]| *f > least).collect();
+        let n = there.len() as f64;
+        let [q, f] = [0, 1].map(|i| there.iter().map(|r| r[i]).sum::<f64>() / n);
+        let stiffness = there.iter().map(|r| (r[0] - q) * (r[1] - f)).sum::<f64>() / there.iter().map(|r| (r[0] - q).powi(2)).sum::<f64>();
+        let position = side * (q - f / stiffness);
+        let is_there = there.len() >= TELL && stiffness > 0.0 && stiffness.is_finite() && (low..high).contains(&position);
+        is_there.then_some(Pressed { stiffness, position, side })
+    };
+    [1.0, -1.0].into_iter().filter_map(at).collect()
 }
 
 /// Fewest and most periods over the range at which a ripple is looked for, from a little below what it may have, and the step between them: a fit
@@ -197,6 +223,7 @@ impl Search<'_> {
             inertia: self.inertias[j],
             efforts,
             places: places(&rows, low, high),
+            pressed: pressed(&rows, [low, high], rms(2)),
             cycles: if self.many_joints() { cycles_roughly(&rows, low, high) } else { Vec::new() },
             duration: self.problem.trajectories.iter().map(|t| t.time[t.rows() - 1] - t.time[0]).sum(),
             period: self.problem.trajectories.first().map_or(0.005, Trajectory::period),
