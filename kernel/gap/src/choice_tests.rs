@@ -230,6 +230,9 @@ fn a_name_is_not_bent_to_another_shape() {
     assert!(!stop(0.6, 1.0) && !stop(0.4, -1.0));
     // What turns the joint round in half a second is a spring of one side.
     assert!(!is_shaped("hard_stop", &[search.inertias[0] * 36.0, 1.0, low + 0.8 * (high - low), 1.0]));
+    // A latch that the joint goes into and never leaves is a spring of another shape.
+    let latch = |from: f64, to: f64| is_shaped("latch", &[4.0, 1.0, low + from * (high - low), (to - from) * (high - low)]);
+    assert!(latch(0.1, 0.3) && !latch(0.4, 1.5) && !latch(-0.5, 0.3));
     // A mass that nothing moves explains a motion that goes on as it went.
     let payload = |mass: f64| is_shaped("payload", &[mass, 0.3, 0.0, 0.0]);
     assert!(payload(3.0) && !payload(300.0));

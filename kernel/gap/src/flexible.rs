@@ -20,6 +20,9 @@ use crate::span::Span;
 pub(crate) struct Nameless {
     /// What it depends on.
     pub over: &'static str,
+    /// It may turn round where the motion does, as friction does. Where dry friction holds a joint and efforts are noisy, the linear response sees such
+    /// forces where there are none.
+    pub turns_round: bool,
     /// Logarithm of its evidence over that of no force.
     pub evidence: f64,
     /// How it changes the errors beyond what the known numbers make good, in the linear response: as many as the fit's, in their deviations.
@@ -92,6 +95,12 @@ const GROUPS: [Group; 9] = [
 ];
 
 impl Group {
+    /// The force may turn round where the motion does.
+    fn turns_round(&self) -> bool {
+        let times = |v: f64| (self.times)(&Place { q: 1.0, v, input: 1.0, time: 1.0, run: 1.0, since: 1.0 });
+        self.jumps || times(1.0) * times(-1.0) < 0.0
+    }
+
     /// Forces along the rows, one at a knot and none at those beside it. Knots lie where the data do.
     fn shapes(&self, places: &[Place]) -> Vec<Vec<f64>> {
         let sides: &[f64] = if self.jumps { &[-1.0, 1.0] } else { &[0.0] };
@@ -133,6 +142,7 @@ fn quantiles(mut values: Vec<f64>, count: usize) -> Vec<f64> {
 /// The likeliest force so far.
 struct Best {
     over: &'static str,
+    turns_round: bool,
     evidence: f64,
     /// The force along the rows.
     along: DVector<f64>,
@@ -169,15 +179,15 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
         }
         if let Some((evidence, forces)) = better {
             let along = shapes.iter().zip(forces.iter()).map(|(shape, size)| DVector::from_column_slice(shape) * *size).sum();
-            best = Some(Best { over: group.over, evidence, along, change: columns * forces });
+            best = Some(Best { over: group.over, turns_round: group.turns_round(), evidence, along, change: columns * forces });
         }
     }
-    let Best { over, evidence, along, change: whole } = best?;
+    let Best { over, turns_round, evidence, along, change: whole } = best?;
     let size = whole.norm().max(f64::MIN_POSITIVE);
     let change = span.rest(&span.of(whole));
     let share = change.norm() / size;
     let force = share * along.norm() / (along.len() as f64).sqrt();
-    Some(Nameless { over, evidence, change, force, region: region(&places, along.as_slice()) })
+    Some(Nameless { over, turns_round, evidence, change, force, region: region(&places, along.as_slice()) })
 }
 
 /// Where the middle 80 % of the squares of a force lie.

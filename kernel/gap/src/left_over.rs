@@ -14,8 +14,10 @@ const NEAR_FLOOR: f64 = 1.2;
 /// there their force is right to more than errors of its slopes and its size, and noisy efforts alone lead those astray.
 const CLOSE_TO_FLOOR: f64 = 2.0;
 const ALL_BUT: f64 = 0.05;
-/// Evidence of a force without a name that is there though the gap hardly shows it.
+/// Evidence of a force without a name that is there though the gap hardly shows it, or for each of the errors that would hang together without it.
 const CERTAIN: f64 = 100.0;
+/// Scale of the errors, in deviations of their noise, from which on something makes them that is none: without anything missing it was 1.04 at the most.
+const BEYOND_NOISE: f64 = 1.2;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
@@ -73,6 +75,8 @@ pub(crate) fn left_over(
         (true, Named::Something) => f64::INFINITY,
         (true, _) => CERTAIN,
     };
+    // Errors that are larger than noise makes them say so by themselves.
+    let beyond_noise = named != Named::Something && search.scale(current) > BEYOND_NOISE;
     let is_large = nameless.force > MATERIAL * search.typical_force()[*joint];
     let counts = nameless.evidence > 2.0 * CONVINCING && share > NEGLIGIBLE;
     // Windows that are far off say so even where the force is small beside others.
@@ -84,14 +88,22 @@ pub(crate) fn left_over(
         Named::Something | Named::Near => near(unseen),
         Named::NamelessWon | Named::Nothing => !(far || is_large && gap.train.is_far() && gap.train.is_mostly_far()),
     };
+    let is_plain = || search.is_plain(current, nameless) || named != Named::Something && hangs_together(search, current, nameless);
     let in_doubt = at_the_floor || named == Named::Something && search.problem.disturbance.effort[*joint] > 0.0;
-    let shows = is_there && (!by_chance || search.is_plain(current, nameless)) && (!in_doubt || holds(search, current, *joint, nameless)?);
+    let shows = beyond_noise || is_there && (!by_chance || is_plain()) && (!in_doubt || holds(search, current, *joint, nameless)?);
     Ok(shows.then(|| Unexplained { share, joint: search.names[*joint].clone(), over: nameless.over.into(), region: nameless.region }))
 }
 
 /// Do names leave next to nothing of the gap, on data that nothing was fitted to, too, and little more than noise makes?
 fn is_explained(train: &Gap, unseen: &Gap) -> bool {
     [train, unseen].iter().all(|g| g.left() < ALL_BUT) && train.after < CLOSE_TO_FLOOR * train.noise_floor
+}
+
+/// Is a force what errors hang together by? Without it they hardly do. Of what turns round where the motion does that says nothing: such forces are
+/// seen by chance.
+fn hangs_together(search: &Search<'_>, current: &Fit, nameless: &Nameless) -> bool {
+    let left = || search.problem.persistence(&(&current.errors + &nameless.change), &nameless.change);
+    !nameless.turns_round && nameless.evidence > CERTAIN * left()
 }
 
 /// Is a force still there where it acts in the simulator? By place or speed it can: where effort is noisy and dry friction holds a joint, the linear
@@ -104,9 +116,13 @@ fn holds(search: &Search<'_>, current: &Fit, joint: usize, nameless: &Nameless) 
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
-    use super::is_explained;
+    use super::{hangs_together, is_explained};
     use crate::report::Gap;
+    use crate::search::Search;
+    use crate::tests::{door, swing, with};
+    use crate::trajectory::Trajectory;
 
     fn gap(after: f64) -> Gap {
         crate::tests::gap([1.0, after, 0.02])
@@ -118,5 +134,20 @@ mod tests {
         assert!(is_explained(&gap(0.025), &gap(0.04)));
         assert!(!is_explained(&gap(0.045), &gap(0.04)), "more than twice what noise makes");
         assert!(!is_explained(&gap(0.025), &gap(0.2)), "a fifth of what was unseen is left");
+    }
+
+    /// Errors that a force makes hang together as long as it acts. Counted as few for that, a dozen times the evidence that is asked said nothing.
+    #[test]
+    fn a_force_is_not_doubted_for_what_hangs_together_by_it() {
+        let truth = with(&door(), "joint_spring", &[("stiffness", 0.05), ("rest_position", 0.7)]);
+        let data = [Trajectory::new(&swing(&truth, 2e-4, 1), &door()).unwrap()];
+        let search = Search::new(&door(), &data).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let (_, force) = search.nameless(&base, 1.0).unwrap().unwrap();
+        let without = search.problem.persistence(&base.errors, &force.change);
+        assert!(force.over == "position" && without > 20.0, "{} {without}", force.over);
+        assert!(hangs_together(&search, &base, &force));
+        let turning = crate::flexible::Nameless { turns_round: true, ..force };
+        assert!(!hangs_together(&search, &base, &turning), "friction is seen by chance");
     }
 }

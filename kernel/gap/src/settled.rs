@@ -5,7 +5,7 @@ use crate::choice::{ALIKE, Choice};
 use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
-use crate::near::{Beside, GOOD_PART, NEARLY};
+use crate::near::{Beside, GOOD_PART, MOST_OF_IT, NEARLY};
 use crate::report::{Gaps, Reason};
 use crate::search::{Search, entries};
 use crate::shape::is_bent;
@@ -109,9 +109,6 @@ impl Settled<'_, '_> {
         if is_bent(&self.current) {
             return Ok(Some("it breaks away at many times the force that it slides with"));
         }
-        if self.is_imitated(said)? {
-            return Ok(Some("a force by place or speed alone, without a name, fits as well"));
-        }
         // What hangs together as the errors do is told from nothing by as much less.
         let told = left.1.evidence > ALIKE * self.search.problem.persistence(&self.current.errors, &left.1.change);
         let explained = self.search.explained_force(&self.current, self.refitted)?;
@@ -126,12 +123,15 @@ impl Settled<'_, '_> {
             large: self.search.is_a_force(left) && left.1.force > GOOD_PART * explained,
             unconfirmed: !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms),
         };
+        if self.is_imitated(said, beside.leaves())? {
+            return Ok(Some("a force by place or speed alone, without a name, fits as well"));
+        }
         Ok(beside.only_near())
     }
 
     /// Do the names, all on one joint, imitate a force by position or velocity alone that is none of the catalogue's? `said` is what the evidence
-    /// gains by them.
-    fn is_imitated(&self, said: f64) -> Result<bool, GapError> {
+    /// gains by them, and `left` by a force on what they leave, where that is some of the gap.
+    fn is_imitated(&self, said: f64, left: Option<f64>) -> Result<bool, GapError> {
         let search = self.search;
         let mut joints = self.chosen.iter().map(|c| c.best.joint);
         let Some(joint) = joints.next().flatten().filter(|j| !search.many_joints() && joints.all(|other| other == Some(*j))) else {
@@ -148,7 +148,11 @@ impl Settled<'_, '_> {
         let numbers = self.refitted.hypothesis.x.len()..self.current.hypothesis.x.len();
         let count = if self.chosen.len() == 1 { numbers.filter(|i| self.current.is_told(*i, self.scale)).count() } else { numbers.len() };
         Ok(match count <= FEW {
-            true => more > PLAINLY * apart && said < NEARLY * free.evidence,
+            // A curve that says most of what they leave as well is what is there.
+            true => {
+                let leaves_it = left.is_some_and(|left| more > MOST_OF_IT * left);
+                more > PLAINLY * apart && said < NEARLY * free.evidence || more > CONVINCING * apart && leaves_it
+            }
             // Where the joint went one way only the curve bends to all that they say, and to what they leave: near it is the most that they can come.
             false if search.seen[joint].one_way => more > CONVINCING * apart && said < NEARLY * free.evidence,
             // Each of several names has to say something beside the curve.
@@ -202,7 +206,7 @@ mod tests {
             confirmed,
             taken_back,
         };
-        settled.is_imitated(said).unwrap()
+        settled.is_imitated(said, None).unwrap()
     }
 
     /// A spring that begins amid the way is none of the catalogue's. Others together come near it.

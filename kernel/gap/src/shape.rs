@@ -16,6 +16,8 @@ use crate::view::SELDOM;
 const DEEPEST: f64 = 0.25;
 /// Longest time in which a stop turns a free joint round, s: half an oscillation of the joint on it. What takes longer is a spring.
 const SLOWEST: f64 = 0.3;
+/// Share of a latch's width at either end where little is left of its force.
+const FLANK: f64 = 0.25;
 /// How many times as heavy as its link a payload is, at the most.
 const HEAVIEST: f64 = 20.0;
 
@@ -28,12 +30,20 @@ impl Search<'_> {
             let joint = entry.joint.as_ref().and_then(|name| self.names.iter().position(|n| n == name));
             let has_it = |j: usize| match entry.effect.as_str() {
                 "hard_stop" => self.stops(j, values),
+                "latch" => self.passes(j, values),
                 // Where all that a joint moves is uncertain, a mass that nothing moves says why it goes on as it went.
                 "payload" => values.first().is_none_or(|mass| *mass < HEAVIEST * link(j).mass),
                 _ => true,
             };
             description.is_shaped(values) && joint.is_none_or(has_it)
         })
+    }
+
+    /// Does a joint go through a latch? What it only goes into is a force that grows.
+    fn passes(&self, joint: usize, latch: &[f64]) -> bool {
+        let &[_, _, position, width] = latch else { return true };
+        let [low, high] = Trajectory::range(self.problem.trajectories, joint);
+        low < position + FLANK * width && high > position + (1.0 - FLANK) * width
     }
 
     /// Does a stop hold a joint where these data go to its end, and soon?

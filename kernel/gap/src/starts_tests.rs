@@ -343,3 +343,17 @@ fn a_rotor_on_a_stiff_spring_begins_where_its_inertia_alone_ends() {
     let begun = neighbours("armature_inertia", &[0.0009], &view());
     assert!(!begun.is_empty() && begun.iter().all(|(name, v)| *name == "joint_elasticity" && v[2] == 0.0009), "{begun:?}");
 }
+
+/// A drive presses its joint into a stop and waits there: what its speed would let it sink says nothing of how stiff the stop is.
+#[test]
+fn a_stop_that_a_drive_presses_into_is_begun_where_its_force_is() {
+    let stop = [("stiffness", 40.0), ("dissipation", 3.0), ("position", 1.2), ("side", 1.0)];
+    let truth = with(&door(), "hard_stop", &stop);
+    let pressed = |t: f64| if (t % 4.0) < 2.0 { 1.5 + 0.4 * (t / 4.0).floor() } else { 0.5 };
+    let trajectories = [Trajectory::new(&driven(&truth, 2e-5, 1, 0.6, pressed), &door()).unwrap()];
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let base = search.known(&door(), 1.0).unwrap();
+    let view = search.views(&base, search.scale(&base)).unwrap().swap_remove(0);
+    let found = view.pressed.iter().find(|p| p.side > 0.0).unwrap_or_else(|| panic!("{:?}", view.pressed));
+    assert!((found.stiffness / 40.0 - 1.0).abs() < 0.3 && (found.position - 1.2).abs() < 0.02, "{found:?}");
+}

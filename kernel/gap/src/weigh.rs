@@ -252,8 +252,10 @@ impl<'a> Search<'a> {
             // Two names ask for more than one does, and give way to one that says more. Rows may say it of what is lost over windows: a stop beside a
             // gain was passed over for a saturation and an axis error, beside which windows were fifty times as far off.
             let gain = two.evidence - best.evidence;
-            let says_more =
-                || self.is_convincing(model, &best.fit, &two.fit, gain, window) && self.takes_the_place(model, &two.fit, &best.fit, gain, window);
+            let says_more = || {
+                self.is_convincing(model, &best.fit, &two.fit, gain, window)
+                    && self.takes_the_place(model, &two.fit, &best.fit, gain, window)
+            };
             let says_less = || self.is_convincing(model, &two.fit, &best.fit, best.evidence - two.evidence, window);
             if self.force_between(&two.fit, &best.fit)? < SAME && !says_less() || says_more() || nearly() {
                 let at = candidates.iter().position(|c| std::ptr::eq(c, plain)).unwrap_or(0);
