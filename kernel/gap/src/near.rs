@@ -70,11 +70,11 @@ impl Beside<'_> {
             return Some("most of the gap is left, and much of the force");
         }
         // Over all windows: few of them where a friction grows while the joint rests, and there it is far off.
-        let pooled = shown.after / shown.refitted;
-        if pooled > MOST_OF_IT && shown.is_far() {
+        let leaves = |gap: &Gap, part: f64| gap.after > part * gap.refitted && gap.is_far();
+        if leaves(shown, MOST_OF_IT) {
             return Some("most of the gap is left where windows are far off");
         }
-        if share > 0.0 && pooled > TOO_MUCH && shown.is_far() {
+        if share > 0.0 && [shown, fitted].into_iter().any(|gap| leaves(gap, TOO_MUCH)) {
             return Some("a force is left, and much of the gap");
         }
         // Unseen data that do not reach what the names are for, and so confirm none of them, leave all of the gap.
