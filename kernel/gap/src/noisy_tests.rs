@@ -62,7 +62,7 @@ fn jumps_of_the_effort_do_not_hide_its_noise() {
     let search = Search::new(&model, &data).unwrap();
     let fit = search.known(&model, 1.0).unwrap();
     let share = search.problem.share_of_noise(&fit, 0, 0.1 * LOUD).unwrap();
-    assert!(share > 0.85, "{share} {:?}", search.jitter);
+    assert!(share > 0.85, "{share} {:?}", search.of_data.effort);
 }
 
 /// What two effects do looks like noise while one of them has no name, and beside that noise a third looks as good as the second.
@@ -75,10 +75,11 @@ fn a_floor_that_was_raised_for_want_of_a_name_comes_down_with_it() {
     let base = search.known(&model, 1.0).unwrap();
     let raised = search.likelier_noise(&base).unwrap().unwrap();
     assert!(raised.share[0] > 3.0 * FLOOR, "{raised:?}");
-    let search = search.with_noise(raised);
+    let search = search.with_noise(raised.times([4.0, 1.0]));
     let spring = base.hypothesis.with("joint_spring", Some("hinge"), &[0.3, 0.7]).unwrap();
     let named = search.fit_on(Fit::start(&search.problem, spring).unwrap(), 1.0).unwrap();
-    assert_eq!(search.likelier_noise(&named).unwrap().unwrap().share, [FLOOR]);
+    let now = search.likelier_noise(&named).unwrap().unwrap();
+    assert_eq!((now.share, now.position), (vec![FLOOR], search.of_data.position));
 }
 
 /// An error would weigh nothing where a drive is at its limit, and everything elsewhere.

@@ -70,7 +70,7 @@ impl Search<'_> {
 
     /// The same search over other data of the same model.
     pub fn over<'b>(&self, trajectories: &'b [Trajectory]) -> Search<'b> {
-        let Self { problem, names, joints, inertias, seen, still, jitter, mobility, .. } = self;
+        let Self { problem, names, joints, inertias, seen, still, of_data, mobility, .. } = self;
         let problem = Problem {
             trajectories,
             disturbance: problem.disturbance.clone(),
@@ -90,7 +90,7 @@ impl Search<'_> {
             inertias: inertias.clone(),
             seen: seen.clone(),
             still: still.clone(),
-            jitter: jitter.clone(),
+            of_data: of_data.clone(),
             mobility: mobility.clone(),
             memory: Memory::default(),
         }

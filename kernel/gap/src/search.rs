@@ -43,8 +43,8 @@ pub(crate) struct Search<'a> {
     pub seen: Vec<Seen>,
     /// Joints that stand in each of the recordings, if not in the same place: nothing is looked for on them.
     pub still: Vec<bool>,
-    /// How much measured efforts change from row to row, as the standard deviation of a noise, by joint.
-    pub jitter: Vec<f64>,
+    /// Noises as the data say by themselves, before any model: of efforts all that changes from row to row.
+    pub of_data: Disturbance,
     /// How much efforts accelerate joints of the model as given, by columns.
     pub mobility: Vec<f64>,
     /// What was predicted over windows of these data.
@@ -116,7 +116,7 @@ impl<'a> Search<'a> {
             effort: (0..n).map(|j| noise::of_efforts(trajectories, j)).collect(),
             reading: (0..n).map(|j| noise::of_readings(trajectories, j)).collect(),
         };
-        let jitter = disturbance.effort.clone();
+        let of_data = disturbance.clone();
         let any = |test: &dyn Fn(Drive) -> bool, j: usize| trajectories.iter().any(|t| test(t.drive[j]));
         let seen = (0..n)
             .map(|j| Seen {
@@ -128,7 +128,7 @@ impl<'a> Search<'a> {
             .collect();
         let problem = Problem::new(trajectories, disturbance, &limits, STEP);
         let still = (0..n).map(|j| trajectories.iter().all(|t| !moves(t, j))).collect();
-        Ok(Self { mobility: problem.mobility(&given), problem, seen, still, names, joints, inertias, jitter, memory: Memory::default() })
+        Ok(Self { mobility: problem.mobility(&given), problem, seen, still, names, joints, inertias, of_data, memory: Memory::default() })
     }
 
     /// The model as given, its known numbers refitted.

@@ -414,14 +414,13 @@ impl<'a> Search<'a> {
     /// The disturbance under which a fit's errors are most likely, if that is not the one assumed.
     pub fn likelier_noise(&self, fit: &Fit) -> Result<Option<Disturbance>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let mut now = self.problem.disturbance.clone();
-        for (j, effort) in now.effort.iter_mut().enumerate().filter(|(_, e)| **e > 0.0) {
-            if let Some(share) = self.problem.share_of_noise(fit, j, self.jitter[j]) {
-                *effort = share.sqrt() * self.jitter[j];
+        // With another name the floors may have been raised too much: what is left without it looks like noise.
+        let mut now = Disturbance { effort: self.problem.disturbance.effort.clone(), ..self.of_data.clone() };
+        for (j, (effort, jitter)) in now.effort.iter_mut().zip(&self.of_data.effort).enumerate().filter(|(_, (e, _))| **e > 0.0) {
+            if let Some(share) = self.problem.share_of_noise(fit, j, *jitter) {
+                *effort = share.sqrt() * jitter;
             }
         }
-        // With another name the floor may have been raised too much: what is left without it looks like noise.
-        now.share.fill(FLOOR);
         let mobility = self.problem.mobility(&plant);
         let drives = self.problem.drives(&plant);
         let behind = |factors: [f64; 2]| now.times(factors).behind(&mobility, &drives);
