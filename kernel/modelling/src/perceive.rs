@@ -19,7 +19,7 @@ use crate::moves::Moving;
 use crate::network::Weights;
 use crate::prepare::brought_near;
 use crate::report::{Alternative, JointReport, PartReport, Probabilities, Report, Seconds, Uncertainty};
-use crate::solid::{Shapes, Slab, shapes};
+use crate::solid::{Shapes, Slab, behind, shapes};
 
 /// Mean density of wood and sheet-metal boxes, kg/m^3, and the wall that is assumed where only a surface is seen, m.
 const DENSITY: f64 = 600.0;
@@ -86,7 +86,13 @@ fn put_together(analysis: &Analysis, decision: &Decision, of_point: &[Option<u32
     let in_part = |i: usize| decision.parts.iter().any(|p| p.pieces.contains(&i));
     let body: Vec<usize> = (0..analysis.superpoints.len()).filter(|i| !in_part(*i)).collect();
     let shut: Isometry3<f64> = Isometry3::identity();
-    let mut links = vec![link("body", &shapes(analysis, &body, &loose(0), &came[0]), &shut, [0.75, 0.75, 0.75, 1.0])];
+    let mut of_body = shapes(analysis, &body, &loose(0), &came[0]);
+    let moving = came[1..].concat();
+    if of_body.mesh.triangles.is_empty() && !moving.is_empty() {
+        notes.push("nothing of the body was seen: a board behind what moves stands for it".to_owned());
+        of_body = behind(&moving, &decision.front);
+    }
+    let mut links = vec![link("body", &of_body, &shut, [0.75, 0.75, 0.75, 1.0])];
     let mut joints = Vec::new();
     let mut reports = Vec::new();
     let mut hypotheses = Vec::new();

@@ -70,6 +70,29 @@ pub(crate) fn shapes(analysis: &Analysis, pieces: &[usize], loose: &[Point3<f64>
     Shapes { mesh, boxes: boxes.into_iter().map(|b| b.1).collect() }
 }
 
+/// How far behind what moves a body stands that nothing shows, m, and half as thick as it is.
+const BEHIND: f64 = 0.01;
+const BOARD: f64 = 0.005;
+
+/// A board behind what moves, upright, as wide and as high as that: a body of which nothing was seen, all of it being behind its doors.
+/// `points` of all that moves and `front`, which way they face, in W.
+pub(crate) fn behind(points: &[Point3<f64>], front: &Vector3<f64>) -> Shapes {
+    let out = Vector3::new(front.x, front.y, 0.0).try_normalize(1e-6).unwrap_or(-Vector3::y());
+    let across = Vector3::z().cross(&out);
+    let [out_of, wide, high] = [out, across, Vector3::z()].map(|e| {
+        let along = || points.iter().map(|p| p.coords.dot(&e));
+        (along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max))
+    });
+    let middle = |(a, b): (f64, f64)| (a + b) / 2.0;
+    let half = |(a, b): (f64, f64)| ((b - a) / 2.0).max(BOARD);
+    let center = out * (out_of.0 - BEHIND - BOARD) + across * middle(wide) + Vector3::z() * middle(high);
+    let R = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[out, across, Vector3::z()])));
+    let board = Slab { X_WG: Isometry3::from_parts(Translation3::from(center), R), half: Vector3::new(BOARD, half(wide), half(high)) };
+    let mut mesh = TriangleMesh::default();
+    add_box(&mut mesh, &board.X_WG, &board.half);
+    Shapes { mesh, boxes: vec![board] }
+}
+
 fn range(points: &[Point3<f64>], direction: &Vector3<f64>, cut: f64) -> (f64, f64) {
     let mut t: Vec<f64> = points.iter().map(|p| p.coords.dot(direction)).collect();
     t.sort_by(f64::total_cmp);
@@ -175,5 +198,31 @@ fn bars(mesh: &mut TriangleMesh, mut keys: Vec<[i64; 3]>, size: f64, to_world: U
         let high = Vector3::new(at(start[0] + 1), at(start[1] + 1), at(end[2] + 1));
         let X = Isometry3::from_parts(Translation3::identity(), to_world) * Translation3::from((low + high) / 2.0);
         add_box(mesh, &X, &((high - low) / 2.0 - Vector3::repeat(0.02 * size)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::behind;
+
+    /// Doors that hide all of a cupboard left its body without any surface, which no engine loads.
+    #[test]
+    fn a_body_that_nothing_shows_stands_behind_its_doors() {
+        let front = Vector3::new(0.6, -0.8, 0.0);
+        let across = Vector3::z().cross(&front);
+        let door = |i: i32, k: i32| Point3::from(2.0 * front + 0.1 * f64::from(i) * across + Vector3::z() * 0.2 * f64::from(k));
+        let points: Vec<Point3<f64>> = (0..5).flat_map(|i| (1..6).map(move |k| door(i, k))).collect();
+        let body = behind(&points, &front);
+        assert!(body.mesh.is_closed() && body.mesh.volume() > 0.0 && body.boxes.len() == 1);
+        let along = |e: Vector3<f64>| {
+            let all = body.mesh.vertices.iter().map(move |p| p.coords.dot(&e));
+            [all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max)]
+        };
+        let [near, far] = [along(front)[1], along(front)[0]];
+        assert!(near < 1.995 && far > 1.9, "{near} {far}");
+        let is = |e: Vector3<f64>, ends: [f64; 2]| along(e).iter().zip(ends).all(|(a, b)| (a - b).abs() < 1e-9);
+        assert!(is(across, [0.0, 0.4]) && is(Vector3::z(), [0.2, 1.0]));
     }
 }
