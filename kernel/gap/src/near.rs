@@ -63,18 +63,19 @@ impl Beside<'_> {
         if far && shown.left() > MOST_OF_IT {
             return Some("most of the gap is left");
         }
-        if share > MOST_OF_FORCE && shown.left() > GOOD_PART {
+        // By so much over all windows: a friction that binds for moments is far off in few of them.
+        let leaves = |gap: &Gap, part: f64| gap.after > part * gap.refitted && gap.is_far();
+        if share > MOST_OF_FORCE && (shown.left() > GOOD_PART || leaves(fitted, TOO_MUCH)) {
             return Some("more of the force is left than is explained");
         }
         if share > MOST_OF_IT && shown.left() > MOST_OF_IT && is_left {
             return Some("most of the gap is left, and much of the force");
         }
-        // Over all windows: few of them where a friction grows while the joint rests, and there it is far off.
-        let leaves = |gap: &Gap, part: f64| gap.after > part * gap.refitted && gap.is_far();
         if leaves(shown, MOST_OF_IT) {
             return Some("most of the gap is left where windows are far off");
         }
-        if share > 0.0 && [shown, fitted].into_iter().any(|gap| leaves(gap, TOO_MUCH)) {
+        // What was fitted to is no measure of that: a real servo's two names leave two ninths of it there, and a twelfth where nothing was.
+        if share > 0.0 && leaves(shown, TOO_MUCH) {
             return Some("a force is left, and much of the gap");
         }
         // Unseen data that do not reach what the names are for, and so confirm none of them, leave all of the gap.
@@ -114,11 +115,33 @@ mod tests {
     /// is chance.
     #[test]
     fn names_that_leave_much_are_not_believed() {
-        assert!(is_near(&gap([0.0348, 0.0266, 0.0041]), [1947.0, 40.0, 1860.0], 0.0), "Stribeck friction");
+        assert!(is_near(&gap([0.0348, 0.0266, 0.0041]), [1947.0, 0.0, 1860.0], 0.0), "Stribeck friction");
         assert!(is_near(&gap([0.0695, 0.0151, 0.00025]), [9000.0, 300.0, 5000.0], 0.05), "a ripple and a spring");
         assert!(is_near(&gap([0.107, 0.018, 0.0032]), [9000.0, 300.0, 5000.0], 0.05), "a payload");
-        assert!(!is_near(&gap([0.0348, 0.0266, 0.02]), [1947.0, 40.0, 1860.0], 0.0), "the noise floor is near");
+        assert!(!is_near(&gap([0.0348, 0.0266, 0.02]), [1947.0, 0.0, 1860.0], 0.0), "the noise floor is near");
         assert!(!is_near(&gap([0.0695, 0.0151, 0.00025]), [9000.0, 0.0, 5000.0], 0.0), "nothing is left");
+    }
+
+    /// Figures of a friction that binds for moments, in few of the windows: taken for dry friction it is a nearer neighbour of data that it was not fitted
+    /// to than of those that it was.
+    #[test]
+    fn names_that_leave_more_of_the_force_than_they_explain_are_not_believed() {
+        let (fitted, shown) = (gap([0.512, 0.085, 6e-5]), gap([0.549, 0.0265, 6e-5]));
+        let near = |share: f64| {
+            let beside = Beside {
+                shown: &shown,
+                fitted: &fitted,
+                said: 1793.0,
+                left: 1237.0,
+                all: 1500.0,
+                share,
+                told: true,
+                large: true,
+                unconfirmed: false,
+            };
+            beside.only_near().is_some()
+        };
+        assert!(near(1.0) && !near(0.46));
     }
 
     /// Figures of a real cabinet's magnet and a real servo's gears: each leaves a force, and one without a name does not do for both.
