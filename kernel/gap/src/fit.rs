@@ -74,7 +74,7 @@ impl<'a> Problem<'a> {
 
     /// How a plant's drives answer.
     pub fn drives(&self, plant: &Plant) -> Vec<DriveSlopes> {
-        plant.drives(self.trajectories, self.middle.len())
+        plant.drives(self.trajectories)
     }
 
     /// Entries by row and joint in all data: so many errors are of positions, and behind them as many of efforts, where any are read.

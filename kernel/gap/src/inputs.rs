@@ -11,7 +11,8 @@ use sagci_model::{ActuatorLaw, ObjectModel};
 use sagci_recording::{CommandKind, JointLog, Log, Series, WrenchLog};
 
 use crate::GapError;
-use crate::trajectory::{Drive, SAME_TIME, joint_names};
+use crate::observer::DriveSlopes;
+use crate::trajectory::{Drive, SAME_TIME, Trajectory, joint_names};
 
 /// Over a longer time than this, s, nobody knows what acted between two samples: the first is held.
 const HOLE: f64 = 0.1;
@@ -70,6 +71,28 @@ pub(crate) fn per_input(drive: Drive, law: Option<&ActuatorLaw>) -> f64 {
         }
         _ => 1.0,
     }
+}
+
+/// How a drive's effort answers while nothing limits it.
+pub(crate) fn slopes(law: Option<&ActuatorLaw>, kind: CommandKind) -> DriveSlopes {
+    let input = per_input(Drive::Command(kind), law);
+    // A commanded position is one that the effort closes a loop over; a voltage closes one over the velocity alone.
+    let q = if kind == CommandKind::Position { -input } else { 0.0 };
+    let by_voltage = per_input(Drive::Command(CommandKind::Voltage), law);
+    match law {
+        Some(ActuatorLaw::PositionServo { damping, .. }) => DriveSlopes { input, q, v: -damping },
+        Some(ActuatorLaw::DcMotor { torque_constant, .. }) => DriveSlopes { input, q, v: -torque_constant * by_voltage },
+        _ => DriveSlopes { input, q: 0.0, v: 0.0 },
+    }
+}
+
+/// The same by the command that data have for a joint; none where they have none.
+pub(crate) fn slopes_by(trajectories: &[Trajectory], joint: usize, law: Option<&ActuatorLaw>) -> DriveSlopes {
+    let command = trajectories.iter().find_map(|t| match t.drive[joint] {
+        Drive::Command(kind) => Some(kind),
+        _ => None,
+    });
+    command.map_or_else(DriveSlopes::default, |kind| slopes(law, kind))
 }
 
 impl Inputs {

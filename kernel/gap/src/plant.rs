@@ -8,7 +8,7 @@ use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
-use crate::inputs::per_input;
+use crate::inputs::{slopes, slopes_by};
 use crate::observer::DriveSlopes;
 use crate::stops::Stops;
 use crate::trajectory::{Drive, Trajectory};
@@ -265,35 +265,15 @@ impl Plant {
     /// Fastest rate of the loops that drives close over joints, 1/s. Their efforts are taken at the start of each step.
     fn rate(&self) -> f64 {
         let of = |(j, mobility): (usize, &f64)| {
-            let slopes = self.slopes(j, CommandKind::Position);
+            let slopes = slopes(self.laws[j].as_ref(), CommandKind::Position);
             (-slopes.q * mobility).sqrt().max(-slopes.v * mobility)
         };
         self.accelerates.iter().enumerate().map(of).fold(1e-9, f64::max)
     }
 
-    /// How the effort of the drive of joint `j` answers while nothing limits it.
-    fn slopes(&self, j: usize, kind: CommandKind) -> DriveSlopes {
-        let law = self.laws[j].as_ref();
-        let by = |kind: CommandKind| per_input(Drive::Command(kind), law);
-        let (input, by_position) = (by(kind), by(CommandKind::Position));
-        match law {
-            Some(ActuatorLaw::PositionServo { damping, .. }) => DriveSlopes { input, q: -by_position, v: -damping },
-            Some(ActuatorLaw::DcMotor { torque_constant, .. }) => {
-                DriveSlopes { input, q: -by_position, v: -torque_constant * by(CommandKind::Voltage) }
-            }
-            _ => DriveSlopes { input, q: 0.0, v: 0.0 },
-        }
-    }
-
-    /// The same for all joints, by the commands that data have for each.
-    pub fn drives(&self, trajectories: &[Trajectory], joints: usize) -> Vec<DriveSlopes> {
-        let command = |j: usize| {
-            trajectories.iter().find_map(|t| match t.drive[j] {
-                Drive::Command(kind) => Some(kind),
-                _ => None,
-            })
-        };
-        (0..joints).map(|j| command(j).map_or_else(DriveSlopes::default, |kind| self.slopes(j, kind))).collect()
+    /// How the drives' efforts answer, by the commands that data have for each joint.
+    pub fn drives(&self, trajectories: &[Trajectory]) -> Vec<DriveSlopes> {
+        self.laws.iter().enumerate().map(|(j, law)| slopes_by(trajectories, j, law.as_ref())).collect()
     }
 
     /// The same with a learned force besides.

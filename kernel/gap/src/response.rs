@@ -4,19 +4,23 @@
 //! It changes the prediction errors by the filter's own linear response,
 //!
 //! ```text
-//! de_k = -dq_k,   dx_k <- (1 - K C) dx_k,   (dq, dv)' = (dv, -M^-1 (d dv + dtau_k))  over the row, exactly
+//! de_k = -dq_k,   dx_k <- (1 - K C) dx_k,   (dq, dv)' = (dv, -M^-1 (k dq + d dv + dtau_k))  over the row, exactly
 //! ```
 //!
-//! which costs a few operations a row, where a run of the simulator costs thousands.
+//! which costs a few operations a row, where a run of the simulator costs thousands. `d` is the damping and what a drive adds to it, `k` is the
+//! stiffness of the loop that a drive closes over the position: a servo holds against most of a force that comes slowly.
 
 use nalgebra::DVector;
 use sagci_dynamics::effects::{Effect, HISTORY, Instant};
 
 use crate::fit::Fit;
 use crate::flexible::Place;
+use crate::inputs::{law_of, slopes_by};
 use crate::observer::Run;
 use crate::search::Search;
 
+/// Stiffness by which a loop brings back less than digits show of an offset within a row, 1.
+const NO_LOOP: f64 = 1e-8;
 /// Rows away from which a noisy input is taken.
 const NEAR: usize = 3;
 const FAR: usize = 8;
@@ -35,8 +39,8 @@ pub(crate) struct Response {
     gains: Vec<[f64; 3]>,
     /// Column of the inverse mass matrix, by row.
     inverse: Vec<f64>,
-    /// What is kept and gained over the row, by row and joint: see [`Row::decay`].
-    decay: Vec<[f64; 4]>,
+    /// What becomes of an offset at the row, by row and joint.
+    passes: Vec<Passes>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -58,16 +62,57 @@ impl Row {
     fn holds(&self) -> bool {
         self.next == 0.0 && self.h > 0.0
     }
+}
 
-    /// Over the row, of `v' = a - rate v`: factors of `v` and `a` in the next velocity, and in the change of position.
-    fn decay(&self, rate: f64) -> [f64; 4] {
-        let (h, x) = (self.h, self.h * rate);
-        if x < 1e-3 {
-            return [1.0 - x, h, h, 0.5 * h * h];
+/// What a joint's loop does beside itself: `v' = -stiffness q - rate v`, in 1/s^2 and 1/s.
+#[derive(Debug, Clone, Copy)]
+struct Loop {
+    stiffness: f64,
+    rate: f64,
+}
+
+impl Loop {
+    /// Over a time `h`: factors of position, velocity and acceleration in the next position, and in the next velocity.
+    fn over(&self, h: f64) -> [[f64; 3]; 2] {
+        let (k, r) = (self.stiffness, self.rate);
+        if k * h * h < NO_LOOP {
+            let x = h * r;
+            if x < 1e-3 {
+                return [[1.0, h, 0.5 * h * h], [0.0, 1.0 - x, h]];
+            }
+            let kept = (-x).exp();
+            let gained = (1.0 - kept) / r;
+            return [[1.0, gained, (h - gained) / r], [0.0, kept, gained]];
         }
-        let kept = (-x).exp();
-        let gained = (1.0 - kept) / rate;
-        [kept, gained, gained, (h - gained) / rate]
+        // The matrix exponential of `[[0, 1], [-k, -r]] h`: an oscillation that dies away, or two that creep.
+        let half = 0.5 * r;
+        let turns = k - half * half;
+        let (even, odd) = if turns > 0.0 {
+            let w = turns.sqrt();
+            ((-half * h).exp() * (w * h).cos(), (-half * h).exp() * (w * h).sin() / w)
+        } else {
+            let w = (-turns).sqrt();
+            let (slow, fast) = (((w - half) * h).exp(), ((-w - half) * h).exp());
+            (0.5 * (slow + fast), if w * h > 1e-6 { 0.5 * (slow - fast) / w } else { slow * h })
+        };
+        let stays = even + half * odd;
+        [[stays, odd, (1.0 - stays) / k], [-k * odd, even - half * odd, odd]]
+    }
+}
+
+/// The filter's correction at a row and what the loop does until the next one: factors of an offset's position and velocity, and of the force, in
+/// the next ones, and the inverse of the error's deviation.
+#[derive(Debug, Clone, Copy)]
+struct Passes {
+    q: [f64; 3],
+    v: [f64; 3],
+    certainty: f64,
+}
+
+impl Passes {
+    fn new([gain_q, gain_v, certainty]: [f64; 3], inverse: f64, [q, v]: [[f64; 3]; 2]) -> Self {
+        let corrected = |[by_q, by_v, by_a]: [f64; 3]| [by_q * (1.0 - gain_q) - by_v * gain_v, by_v, -by_a * inverse];
+        Self { q: corrected(q), v: corrected(v), certainty }
     }
 }
 
@@ -97,10 +142,19 @@ impl Response {
             gains.extend(run.gains.rows().iter().map(certain));
         }
         let model = base.hypothesis.model_at(&base.hypothesis.x);
-        let rates: Vec<f64> = (0..n).map(|j| model.joints[search.joints[j]].damping / search.inertias[j]).collect();
-        let decay = rows.iter().flat_map(|row: &Row| rates.iter().map(|rate| row.decay(*rate))).collect();
+        let closed = |j: usize| {
+            let drive = slopes_by(search.problem.trajectories, j, law_of(&model, &search.names[j]));
+            let inertia = search.inertias[j];
+            Loop { stiffness: -drive.q / inertia, rate: (model.joints[search.joints[j]].damping - drive.v) / inertia }
+        };
+        let loops: Vec<Loop> = (0..n).map(closed).collect();
+        let passes = rows.iter().enumerate().flat_map(|(k, row): (usize, &Row)| {
+            let (gains, inverse) = (&gains, &inverse);
+            loops.iter().enumerate().map(move |(j, l)| Passes::new(gains[k * n + j], inverse[k * n + j], l.over(row.h)))
+        });
+        let passes = passes.collect();
         let noisy = search.problem.disturbance.effort[joint] > 0.0;
-        Self { rows, errors: base.errors.len(), joints: n, joint, noisy, gains, inverse, decay }
+        Self { rows, errors: base.errors.len(), joints: n, joint, noisy, gains, inverse, passes }
     }
 
     /// The forces of an effect along the base run.
@@ -139,23 +193,21 @@ impl Response {
     fn respond<const N: usize>(&self, forces: &[f64], offsets: &mut [[f64; 2]], errors: &mut Vec<f64>) {
         let n = if N > 0 { N } else { self.joints };
         let (offsets, joint) = (&mut offsets[..n], self.joint);
-        let along = self.inverse.chunks_exact(n).zip(self.decay.chunks_exact(n));
-        for (((row, force), gains), (inverse, decay)) in self.rows.iter().zip(forces).zip(self.gains.chunks_exact(n)).zip(along) {
+        for (k, ((row, force), passes)) in self.rows.iter().zip(forces).zip(self.passes.chunks_exact(n)).enumerate() {
             if row.start {
                 offsets.fill([0.0; 2]);
             }
             let [held, _] = offsets[joint];
-            for (((offset, [gain_q, gain_v, certainty]), inverse), [kept, gained, moved, shifted]) in
-                offsets.iter_mut().zip(gains).zip(inverse).zip(decay)
-            {
+            for (offset, passes) in offsets.iter_mut().zip(passes) {
                 let [q, v] = *offset;
-                errors.push(-q * certainty);
-                let (a, v, q) = (-inverse * force, v - gain_v * q, q - gain_q * q);
-                *offset = [q + moved * v + shifted * a, kept * v + gained * a];
+                errors.push(-q * passes.certainty);
+                let next = |[by_q, by_v, by_force]: [f64; 3]| by_q * q + by_v * v + by_force * force;
+                *offset = [next(passes.q), next(passes.v)];
             }
             // Dry friction takes the force, too.
             if row.holds() {
-                offsets[joint] = [held - gains[joint][0] * held, 0.0];
+                let [gain, ..] = self.gains[k * n + joint];
+                offsets[joint] = [held - gain * held, 0.0];
             }
         }
     }

@@ -3,7 +3,7 @@
 //! Along a run, `ID(q, v, a) = tau` (Featherstone 2008, chapter 5). Beside it, with a force `f` that the motion asks for more,
 //!
 //! ```text
-//! M da + D dv + K dq + f = 0,   D = dID/dv + damping,   K = dID/dq
+//! M da + D dv + K dq + f = 0,   D = dID/dv + damping - dtau/dv,   K = dID/dq - dtau/dq
 //! ```
 //!
 //! over a row `h` by the midpoint rule, which is stable however stiff `D` is: with `x` the velocity in the middle,
@@ -57,13 +57,14 @@ impl Tangent {
         let model = hypothesis.model_at(&hypothesis.x);
         let slopes = along.slopes(&plant, n, DIFFERENCE)?;
         let (mut rows, mut gains) = (Vec::new(), Vec::new());
+        let drives = search.problem.drives(&plant);
         let mut slopes = slopes.into_iter();
         for (trajectory, run) in search.problem.trajectories.iter().zip(runs) {
             for k in 0..trajectory.rows() {
                 let last = k + 1 == trajectory.rows() || trajectory.starts.contains(&(k + 1));
                 let h = if last { 0.0 } else { trajectory.time[k + 1] - trajectory.time[k] };
                 let held: Vec<bool> = (0..n).map(|j| !last && run.v_predicted[(k + 1) * n + j] == 0.0).collect();
-                let Some([stiffness, mut damping]) = slopes.next() else { break };
+                let Some([mut stiffness, mut damping]) = slopes.next() else { break };
                 let mut inverse = DMatrix::from_column_slice(n, n, &run.inverse[k * n * n..(k + 1) * n * n]);
                 for i in (0..n).filter(|i| held[*i]) {
                     let column = inverse.column(i).clone_owned();
@@ -72,7 +73,8 @@ impl Tangent {
                     }
                 }
                 for (j, joint) in search.joints.iter().enumerate() {
-                    damping[(j, j)] += model.joints[*joint].damping;
+                    damping[(j, j)] += model.joints[*joint].damping - drives[j].v;
+                    stiffness[(j, j)] -= drives[j].q;
                 }
                 let middle = DMatrix::identity(n, n) * 2.0 + h * &inverse * (damping + 0.5 * h * &stiffness);
                 let keeps = middle.try_inverse().unwrap_or_else(|| DMatrix::identity(n, n) * 0.5);

@@ -7,8 +7,8 @@ use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use sagci_dynamics::effects;
-use sagci_model::{EffectEntry, ObjectModel};
-use sagci_recording::{JointLog, Log, Series};
+use sagci_model::{Actuator, ActuatorLaw, EffectEntry, ObjectModel};
+use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::fit::{Derivatives, Effort, Fit};
 use crate::hypothesis::Hypothesis;
@@ -110,22 +110,41 @@ fn prediction_errors_of_the_right_model_are_white() {
     }
 }
 
-/// The screen's linear response to a force is what a run of the simulator with that force shows.
-#[test]
-fn the_linear_response_agrees_with_the_simulator() {
-    let model = door();
-    let trajectories = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
-    let search = Search::new(&model, &trajectories).unwrap();
-    let base = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
+/// What the screen's linear response to forces is off by, beside a run of the simulator with each.
+fn response_is_off(model: &ObjectModel, log: &Log) -> Vec<f64> {
+    let trajectories = [Trajectory::new(log, model).unwrap()];
+    let search = Search::new(model, &trajectories).unwrap();
+    let base = Fit::start(&search.problem, Hypothesis::known(model, &search.joints)).unwrap();
     let runs = search.runs(&base).unwrap();
     let response = Response::new(&search, &base, &runs, 0);
-    for (effect, values) in [("torque_bias", vec![0.02]), ("joint_spring", vec![0.05, 0.2]), ("viscous_friction", vec![0.02])] {
+    let off = |(effect, values): (&'static str, Vec<f64>)| {
         let more = base.hypothesis.with(effect, Some("hinge"), &values).unwrap();
         let exact: DVector<f64> = search.problem.errors(&more, &more.x).unwrap() - &base.errors;
         let linear = response.errors_of(&response.forces(effects::find(effect).unwrap(), &values));
-        let off = (&exact - &linear).norm() / exact.norm();
-        assert!(off < 0.1, "{effect}: {off}");
-    }
+        (&exact - &linear).norm() / exact.norm()
+    };
+    [("torque_bias", vec![0.02]), ("joint_spring", vec![0.05, 0.2]), ("viscous_friction", vec![0.02])].map(off).to_vec()
+}
+
+#[test]
+fn the_linear_response_agrees_with_the_simulator() {
+    let off = response_is_off(&door(), &swing(&door(), 2e-4, 1));
+    assert!(off.iter().all(|off| *off < 0.1), "{off:?}");
+}
+
+/// A servo holds against most of a force that comes slowly: the noisier the positions, the longer it has before the filter corrects.
+#[test]
+fn the_linear_response_of_a_servo_agrees_with_the_simulator() {
+    let way = |t: f64| 0.9 + 0.5 * (1.1 * t).sin() + 0.2 * (2.9 * t).cos();
+    let mut log = driven(&door(), 5e-3, 1, 0.6, way);
+    let servo = |time: Vec<f64>| Series { value: time.iter().map(|t| way(*t)).collect(), time };
+    log.joints[0].command = log.joints[0].effort.take().map(|effort| (CommandKind::Position, servo(effort.time)));
+    let mut model = door();
+    // The hand that `driven` has.
+    let law = ActuatorLaw::PositionServo { stiffness: 4.0, damping: 0.3, max_effort: f64::INFINITY };
+    model.document.actuators.push(Actuator { joint: "hinge".into(), law, refit: [].into() });
+    let off = response_is_off(&model, &log);
+    assert!(off.iter().all(|off| *off < 0.1), "{off:?}");
 }
 
 /// Stretches of the data are predicted as they are within the whole, but for what each start has to settle: no state, input or weight is
