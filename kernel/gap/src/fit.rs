@@ -416,7 +416,7 @@ impl Fit {
         let (matrix, right) = self.normal(scale);
         let mut foretold = 0.0;
         for _ in 0..if fresh { TRIES } else { 1 } {
-            let step = bounded_step(&matrix, &right, *damping, &self.hypothesis.fitted, &self.hypothesis.x);
+            let step = bounded_step(&matrix, &right, *damping, &room(&self.hypothesis.fitted, &self.hypothesis.x));
             foretold = right.dot(&step) - 0.5 * step.dot(&(&matrix * &step));
             let x: Vec<f64> = self.hypothesis.x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
             let tried = problem.errors(&self.hypothesis, &x).ok();
@@ -550,7 +550,7 @@ pub(crate) fn minimise(
         let before = 0.5 * weight * now.norm_squared() + prior(&x);
         let mut moved = false;
         for _ in 0..5 {
-            let step = bounded_step(&matrix, &right, damping, fitted, &x);
+            let step = bounded_step(&matrix, &right, damping, &room(fitted, &x));
             let tried: Vec<f64> = x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
             let e = errors(&tried);
             let after = 0.5 * weight * e.norm_squared() + prior(&tried);
@@ -575,18 +575,23 @@ pub(crate) fn minimise(
 /// Longest change of a logarithm in one step: beyond it a linear model says nothing.
 const LONGEST: f64 = 1.5;
 
+/// How far numbers may go in one step, down and up.
+pub(crate) fn room(fitted: &[Fitted], x: &[f64]) -> Vec<[f64; 2]> {
+    let of = |(f, x): (&Fitted, &f64)| {
+        let reach = if f.logarithmic { LONGEST } else { f64::INFINITY };
+        [(f.bounds[0] - x).max(-reach), (f.bounds[1] - x).min(reach)]
+    };
+    fitted.iter().zip(x).map(of).collect()
+}
+
 /// The damped step that brings the most inside the bounds: `min 1/2 s^T M s - r^T s` over a box, by an active set (Nocedal and Wright
 /// 2006, chapter 16.5). Numbers that would leave are put on their bound; those whose bound holds them back no longer are let go.
-pub(crate) fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping: f64, fitted: &[Fitted], x: &[f64]) -> DVector<f64> {
+pub(crate) fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping: f64, room: &[[f64; 2]]) -> DVector<f64> {
     let p = right.len();
     let mut matrix = matrix.clone();
     for i in 0..p {
         matrix[(i, i)] *= 1.0 + damping;
     }
-    let room = |i: usize| {
-        let reach = if fitted[i].logarithmic { LONGEST } else { f64::INFINITY };
-        [(fitted[i].bounds[0] - x[i]).max(-reach), (fitted[i].bounds[1] - x[i]).min(reach)]
-    };
     let mut held: Vec<Option<f64>> = vec![None; p];
     let mut step = DVector::zeros(p);
     for _ in 0..4 * p + 4 {
@@ -599,7 +604,7 @@ pub(crate) fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping:
         let Some(factor) = Cholesky::new(reduced) else { return DVector::zeros(p) };
         let solved = factor.solve(&DVector::from_fn(free.len(), |a, _| rest[free[a]]));
         for (a, i) in free.iter().enumerate() {
-            let [low, high] = room(*i);
+            let [low, high] = room[*i];
             step[*i] = solved[a].clamp(low, high);
             if step[*i] != solved[a] {
                 held[*i] = Some(step[*i]);
@@ -610,7 +615,7 @@ pub(crate) fn bounded_step(matrix: &DMatrix<f64>, right: &DVector<f64>, damping:
         }
         // What pulls a held number back inside.
         let slope = right - &matrix * &step;
-        let inward = |i: usize| if step[i] <= room(i)[0] { slope[i] } else { -slope[i] } / matrix[(i, i)].sqrt();
+        let inward = |i: usize| if step[i] <= room[i][0] { slope[i] } else { -slope[i] } / matrix[(i, i)].sqrt();
         let pulled = (0..p).filter(|i| held[*i].is_some() && inward(*i) > 1e-9).max_by(|a, b| inward(*a).total_cmp(&inward(*b)));
         match pulled {
             Some(i) => held[i] = None,

@@ -17,7 +17,8 @@ use sagci_dynamics::residual::{Activation, Normalisation, Residual};
 use sagci_model::JointKind;
 
 use crate::GapError;
-use crate::fit::Fit;
+use crate::fit::{Fit, bounded_step, room};
+use crate::hypothesis::Hypothesis;
 use crate::observer::Run;
 use crate::remainder::follow;
 use crate::response::Response;
@@ -28,9 +29,9 @@ const EVEN: usize = 33;
 const BY_ROWS: usize = 13;
 /// Share of the range below which two knots are one.
 const APART: f64 = 0.01;
-/// Steps, halvings of one that makes errors larger, and the fall of the cost that is no progress.
-const STEPS: usize = 6;
-const HALVINGS: i32 = 4;
+/// Steps, dampings of one that makes errors larger, and the fall of the cost that is no progress.
+const STEPS: usize = 12;
+const DAMPINGS: [f64; 5] = [1e-9, 1e-3, 1e-2, 0.1, 1.0];
 const ENOUGH: f64 = 0.1;
 /// Share of a bar that the linear response has to promise: it is off by some hundredths.
 const HOPELESS: f64 = 0.8;
@@ -160,12 +161,15 @@ struct Normal<'s> {
     state: &'s State,
     matrix: DMatrix<f64>,
     right: DVector<f64>,
+    /// How far the numbers may go. Those that are known stay within their bounds: a step that leaves them need not lead down once it is cut off.
+    room: Vec<[f64; 2]>,
 }
 
-/// A step, if the force's numbers are of a size: what their freedom costs, and what it gains.
-struct Solved {
+/// The same, if the force's numbers are of a size: what their freedom costs, and what a step gains.
+struct Sized {
     size: f64,
-    step: DVector<f64>,
+    matrix: DMatrix<f64>,
+    right: DVector<f64>,
     paid: f64,
     gain: f64,
 }
@@ -175,15 +179,17 @@ impl<'s> Normal<'s> {
         let weight = 1.0 / (scale * scale);
         let mut matrix = weight * (columns.transpose() * columns);
         let mut right = -weight * columns.tr_mul(&state.errors);
-        let known = state.fit.hypothesis.x.iter().zip(&state.fit.hypothesis.fitted);
-        for (i, (x, f)) in known.enumerate() {
+        let Hypothesis { x, fitted, .. } = &state.fit.hypothesis;
+        for (i, (x, f)) in x.iter().zip(fitted).enumerate() {
             matrix[(i, i)] += 1.0 / f.prior[1].powi(2);
             right[i] -= (x - f.prior[0]) / f.prior[1].powi(2);
         }
-        Self { state, matrix, right }
+        let mut room = room(fitted, x);
+        room.resize(right.len(), [f64::NEG_INFINITY, f64::INFINITY]);
+        Self { state, matrix, right, room }
     }
 
-    fn solved(&self, size: f64) -> Option<Solved> {
+    fn sized(&self, size: f64) -> Option<Sized> {
         let (mut matrix, mut right) = (self.matrix.clone(), self.right.clone());
         let count = self.state.numbers.len();
         let known = right.len() - count;
@@ -191,16 +197,20 @@ impl<'s> Normal<'s> {
             matrix[(known + i, known + i)] += 1.0 / (size * size);
             right[known + i] -= w / (size * size);
         }
-        let factor = Cholesky::new(matrix)?;
-        let step = factor.solve(&right);
-        let volume: f64 = factor.l().diagonal().rows(known, count).map(f64::ln).sum();
-        let gain = 0.5 * right.dot(&step);
-        Some(Solved { size, step, paid: volume + count as f64 * size.ln(), gain })
+        let volume: f64 = Cholesky::new(matrix.clone())?.l().diagonal().rows(known, count).map(f64::ln).sum();
+        let mut sized = Sized { size, matrix, right, paid: volume + count as f64 * size.ln(), gain: 0.0 };
+        let step = self.step(&sized, DAMPINGS[0]);
+        sized.gain = sized.right.dot(&step) - 0.5 * step.dot(&(&sized.matrix * &step));
+        Some(sized)
     }
 
     /// By the likeliest of some sizes.
-    fn likeliest(&self, sizes: impl IntoIterator<Item = f64>) -> Option<Solved> {
-        sizes.into_iter().filter_map(|s| self.solved(s)).max_by(|a, b| (a.gain - a.paid).total_cmp(&(b.gain - b.paid)))
+    fn likeliest(&self, sizes: impl IntoIterator<Item = f64>) -> Option<Sized> {
+        sizes.into_iter().filter_map(|s| self.sized(s)).max_by(|a, b| (a.gain - a.paid).total_cmp(&(b.gain - b.paid)))
+    }
+
+    fn step(&self, sized: &Sized, damping: f64) -> DVector<f64> {
+        bounded_step(&sized.matrix, &sized.right, damping, &self.room)
     }
 }
 
@@ -230,32 +240,30 @@ impl Search<'_> {
         let Some(knots) = Knots::over(over.along(&response)) else { return Ok(None) };
         let force = Force { knots: &knots, joint, over };
         let typical = self.typical_force()[joint].max(f64::MIN_POSITIVE);
-        let jacobian = begin.fit.jacobian.clone();
+        let (jacobian, begun) = (begin.fit.jacobian.clone(), begin.fit.hypothesis.x.clone());
         let mut now = State { numbers: vec![0.0; knots.at.len()], ..begin };
         let before = now.cost(1.0, scale);
         let (mut size, mut occam) = (None, 0.0);
         for _ in 0..STEPS {
-            let mut columns = jacobian.clone();
+            let mut columns = known_columns(&jacobian, &begun, &now.fit.hypothesis);
             let forces = knots.columns(&over.along(&response));
             columns.extend(forces.par_iter().map(|force| response.errors_of(force)).collect::<Vec<_>>());
             let normal = Normal::of(&now, &DMatrix::from_columns(&columns), scale);
-            let solved = match size {
+            let sized = match size {
                 None => normal.likeliest(SIZES.map(|share| share * typical)),
-                Some(s) => normal.solved(s),
+                Some(s) => normal.sized(s),
             };
-            let Some(Solved { size: chosen, step, paid, gain }) = solved else { return Ok(None) };
-            let here = now.cost(chosen, scale);
-            if before - here + gain - paid < HOPELESS * bar {
+            let Some(sized) = sized else { return Ok(None) };
+            let here = now.cost(sized.size, scale);
+            if before - here + sized.gain - sized.paid < HOPELESS * bar {
                 return Ok(None);
             }
-            (size, occam) = (Some(chosen), paid);
-            let shares = (0..HALVINGS).map(|halved| 0.5f64.powi(halved));
-            let mut tried = shares.filter_map(|share| self.moved(&now, &step, share, &force).ok());
-            let Some(next) = tried.find(|state| state.cost(chosen, scale) < here) else { break };
-            let fall = here - next.cost(chosen, scale);
-            now = next;
+            (size, occam) = (Some(sized.size), sized.paid);
+            let damped = DAMPINGS.into_iter().filter_map(|d| self.moved(&now, &normal.step(&sized, d), &force).ok());
+            let Some(next) = damped.map(|state| (state.cost(sized.size, scale), state)).find(|(cost, _)| *cost < here) else { break };
+            now = next.1;
             response = Response::new(self, &now.fit, &now.runs, joint);
-            if fall < ENOUGH {
+            if here - next.0 < ENOUGH {
                 break;
             }
         }
@@ -263,14 +271,12 @@ impl Search<'_> {
         Ok(Some(Free { evidence: before - now.cost(size, scale) - occam, errors: now.errors }))
     }
 
-    /// A share of a step, followed in the simulator.
-    fn moved(&self, from: &State, step: &DVector<f64>, share: f64, force: &Force<'_>) -> Result<State, GapError> {
+    /// A step, followed in the simulator.
+    fn moved(&self, from: &State, step: &DVector<f64>, force: &Force<'_>) -> Result<State, GapError> {
         let mut fit = from.fit.clone();
         let known = fit.hypothesis.x.len();
-        for ((x, fitted), step) in fit.hypothesis.x.iter_mut().zip(&fit.hypothesis.fitted).zip(step.iter()) {
-            *x = (*x + share * step).clamp(fitted.bounds[0], fitted.bounds[1]);
-        }
-        let numbers: Vec<f64> = from.numbers.iter().zip(step.iter().skip(known)).map(|(w, step)| w + share * step).collect();
+        fit.hypothesis.x.iter_mut().zip(step.iter()).for_each(|(x, step)| *x += step);
+        let numbers: Vec<f64> = from.numbers.iter().zip(step.iter().skip(known)).map(|(w, step)| w + step).collect();
         let residual = self.as_residual(&fit, force, &force.knots.heights(&numbers))?;
         let (errors, runs) = follow(self, &fit, Some(&residual), self.problem.step)?;
         Ok(State { fit, numbers, errors, runs })
@@ -298,6 +304,13 @@ impl Search<'_> {
         residual.set_normalisation(normalisation)?;
         Ok(residual)
     }
+}
+
+/// Derivatives by known numbers away from where they were taken. Those by a logarithm grow with the number itself: a curve takes over most of a
+/// damping that lacked it.
+fn known_columns(jacobian: &[DVector<f64>], begun: &[f64], now: &Hypothesis) -> Vec<DVector<f64>> {
+    let grown = |i: usize| if now.fitted[i].logarithmic { (now.x[i] - begun[i]).exp() } else { 1.0 };
+    jacobian.iter().enumerate().map(|(i, column)| grown(i) * column).collect()
 }
 
 #[cfg(test)]

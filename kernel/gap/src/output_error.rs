@@ -17,7 +17,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::GapError;
-use crate::fit::{Fit, bounded_step, sandwich};
+use crate::fit::{Fit, bounded_step, room, sandwich};
 use crate::gaps::{Measure, Started};
 use crate::hypothesis::Hypothesis;
 use crate::search::{Search, entries};
@@ -137,7 +137,7 @@ fn arrived(mut hypothesis: Hypothesis, measure: &Measure<'_>, spread: f64, turns
             let here = cost(&rms(&now), spread) + hypothesis.prior(&hypothesis.x);
             let mut fall = 0.0;
             for _ in 0..TRIES {
-                let step = bounded_step(&normal.matrix, &normal.right, damping, &hypothesis.fitted, &hypothesis.x);
+                let step = bounded_step(&normal.matrix, &normal.right, damping, &room(&hypothesis.fitted, &hypothesis.x));
                 let x: Vec<f64> = hypothesis.x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
                 // Numbers that cannot be simulated are too far.
                 let tried = started.errors(&hypothesis, &x).ok();

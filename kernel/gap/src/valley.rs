@@ -16,7 +16,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::GapError;
-use crate::fit::{Fit, Problem, bounded_step};
+use crate::fit::{Fit, Problem, bounded_step, room};
 use crate::gaps::Measure;
 use crate::hypothesis::Knob;
 use crate::search::Search;
@@ -137,7 +137,7 @@ impl Fit {
     fn bent_step(&self, problem: &Problem<'_>, scale: f64) -> Option<(f64, DVector<f64>, Vec<f64>)> {
         let fitted = &self.hypothesis.fitted;
         let (matrix, right) = self.normal(scale);
-        let step = bounded_step(&matrix, &right, 1e-9, fitted, &self.hypothesis.x);
+        let step = bounded_step(&matrix, &right, 1e-9, &room(fitted, &self.hypothesis.x));
         if right.dot(&step) - 0.5 * step.dot(&(&matrix * &step)) < ENOUGH {
             return None;
         }
