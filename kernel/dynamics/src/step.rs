@@ -371,7 +371,7 @@ impl System {
         let v = state.v[0];
         let mass = ws.rigid.M[(0, 0)];
         let momentum = mass * v + dt * (ws.tau[0] + ws.load[0]);
-        let (mut next, mut rounds, mut answers) = (v, Rounds::default(), [[[0.0; 2]; 2]]);
+        let (mut next, mut rounds, mut answers, mut between) = (v, Rounds::default(), [[[0.0; 2]; 2]], Between::default());
         loop {
             let taken = Taken { state, next: &[next], tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
             ws.problem.hinges.clear();
@@ -386,11 +386,15 @@ impl System {
             if !self.nonlinear {
                 break;
             }
+            if between.gets_on(next, answer - next) {
+                rounds.waited = 0;
+            }
             let Some(slow) = rounds.go_on(moved(answer, next))? else { break };
             answers[0] = [answers[0][1], [answer, answer - next]];
             let [old, new] = answers[0];
             let share = if slow { secant(&answers) } else { 0.0 };
-            next = new[0] - share * (new[0] - old[0]);
+            let straight = new[0] - share * (new[0] - old[0]);
+            next = between.next(straight, slow);
         }
         ws.problem.hold_single();
         check("the next velocities", &ws.problem.v, 1)?;
@@ -454,6 +458,57 @@ impl Rounds {
             return Ok(None);
         }
         Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
+    }
+}
+
+/// Two next velocities of one joint between which that one lies that stays, as one is answered with more and the other with less. Where a joint
+/// breaks away the answer is flat on one side and falls steeply on the other, and secants through neighbours leave for nowhere: those between the
+/// ends do not, with the end that stays weighed by half each time (Dowell and Jarratt 1971, the Illinois method).
+#[derive(Debug, Default)]
+struct Between {
+    /// Velocity and what its answer has more, where that is positive and where it is not.
+    ends: [Option<[f64; 2]>; 2],
+    last: usize,
+    /// The least way between the ends of which half was not yet reached.
+    width: f64,
+    /// It was slow while both ends were known.
+    is_closing: bool,
+    /// How many times answers ran on, ever further, from a velocity that would not stay.
+    ran: i32,
+}
+
+impl Between {
+    /// Takes an answer. Is the way between the ends half of what it was, or is there none yet and answers run on to one?
+    fn gets_on(&mut self, next: f64, more: f64) -> bool {
+        let side = usize::from(more <= 0.0);
+        let stays = side == self.last;
+        let runs = stays && self.ends[side].is_some_and(|[_, before]| more.abs() > before.abs());
+        self.ran = if runs { self.ran + 1 } else { 0 };
+        if stays && let Some([_, weight]) = &mut self.ends[1 - side] {
+            *weight *= 0.5;
+        }
+        (self.ends[side], self.last) = (Some([next, more]), side);
+        let [Some([a, _]), Some([b, _])] = self.ends else { return runs };
+        let width = (a - b).abs();
+        let narrow = self.width > 0.0 && width <= 0.5 * self.width;
+        if narrow || self.width == 0.0 {
+            self.width = width;
+        }
+        narrow
+    }
+
+    /// Where to look next, if rounds would there: so many times as far where they run on, and on the line between the ends once these are known
+    /// and it is slow, or would be outside of them.
+    fn next(&mut self, there: f64, slow: bool) -> f64 {
+        match self.ends {
+            [Some([a, above]), Some([b, below])] => {
+                self.is_closing |= slow;
+                let inside = (there - a) * (there - b) < 0.0;
+                if inside && !self.is_closing { there } else { (a * below - b * above) / (below - above) }
+            }
+            [Some([x, more]), None] | [None, Some([x, more])] if self.ran > 0 => x + 2f64.powi(self.ran) * more,
+            _ => there,
+        }
     }
 }
 
