@@ -128,7 +128,10 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         confirmed: Vec::new(),
         taken_back: Vec::new(),
     };
-    settled.heed_unseen()?;
+    // Names that nobody could ask there are not confirmed; what was found stands.
+    if let Err(error) = settled.heed_unseen() {
+        notes.push(format!("data that nothing was fitted to were not asked of every name: {error}"));
+    }
     settled.current = settled.current.with_sines_wrapped();
     let (mut told, mut why) = (None, None);
     if !settled.chosen.is_empty() {
