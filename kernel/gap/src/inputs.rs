@@ -100,6 +100,8 @@ impl Inputs {
         let mut this = Self { log: log.clone(), external: Vec::new(), doubts: Vec::new(), notes: Vec::new() };
         this.push_by_wrenches(model)?;
         let is_table = this.log.is_table;
+        // Rows that a table lacks are lacking for all of its joints, and are said once.
+        let mut said: Vec<(String, Vec<String>)> = Vec::new();
         for joint in this.log.joints.iter_mut().filter(|j| model.joint(&j.name).is_some()) {
             let is_commanded = followed(joint, law_of(model, &joint.name)).is_some();
             let JointLog { position, effort, command, command_gaps, .. } = joint;
@@ -114,23 +116,27 @@ impl Inputs {
             // Of a command only its own clock says that one is missing: a row may stand there for another quantity.
             let least = if is_commanded { period(&series.time).map_or(f64::INFINITY, |p| 1.5 * p) } else { 0.0 };
             let mended = Mended::new(series, rows, least, command_gaps);
-            let say = |message: String| format!("{}: {}: {message}", log.source, joint.name);
+            let mut say = |message: String| match said.iter_mut().find(|(other, _)| *other == message) {
+                Some((_, joints)) => joints.push(joint.name.clone()),
+                None => said.push((message, vec![joint.name.clone()])),
+            };
             if mended.filled > 0 {
-                this.notes.push(say(format!(
+                say(format!(
                     "{} {what} are missing between others; they were put on straight lines between these, since holding the last one would \
                      make them late",
                     mended.filled
-                )));
+                ));
             }
             if mended.held > 0 {
-                this.notes.push(say(format!(
+                say(format!(
                     "{} times {what} are missing for more than {HOLE} s; the last one is held there, which may be taken for a delay",
                     mended.held
-                )));
+                ));
             }
             *series = mended.series;
             this.doubts.push((joint.name.clone(), mended.doubts));
         }
+        this.notes.extend(said.into_iter().map(|(message, joints)| format!("{}: {}: {message}", log.source, joints.join(", "))));
         Ok(this)
     }
 
@@ -390,6 +396,21 @@ mod tests {
         let search = Search::new(&door(), &trajectories).unwrap();
         let measure = Measure::new(&search, &door(), &trajectories, &[], 1.0);
         assert!(!measure.is_far(&Hypothesis::known(&door(), &search.joints), 1));
+    }
+
+    /// A row that a table lacks is lacking for all joints of an arm; said for each of them it buries what else is said.
+    #[test]
+    fn rows_that_lack_for_all_joints_are_said_once() {
+        let (mut model, mut log) = (door(), swing(&door(), 0.0, 1));
+        let effort = hinge(&mut log).effort.as_mut().unwrap();
+        (effort.time.remove(70), effort.value.remove(70));
+        for name in ["second", "third"] {
+            let hinge = model.joints.iter().find(|j| j.name == "hinge").unwrap().clone();
+            model.joints.push(sagci_model::Joint { name: name.into(), ..hinge });
+            log.joints.push(JointLog { name: name.into(), ..log.joints[0].clone() });
+        }
+        let notes = Inputs::new(&log, &model).unwrap().notes;
+        assert!(notes.len() == 1 && notes[0].starts_with("swing: hinge, second, third: 1 efforts are missing"), "{notes:?}");
     }
 
     /// A row for a position that has no effort lacks a sample; where a message of efforts has a clock of its own, it lacks none.
