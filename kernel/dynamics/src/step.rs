@@ -387,7 +387,7 @@ impl System {
                 break;
             }
             if between.gets_on(next, answer - next) {
-                rounds.waited = 0;
+                rounds.has_got_on();
             }
             let Some(slow) = rounds.go_on(moved(answer, next))? else { break };
             answers[0] = [answers[0][1], [answer, answer - next]];
@@ -439,6 +439,12 @@ impl Default for Rounds {
 }
 
 impl Rounds {
+    /// A round brought the solution nearer though it moved by no less.
+    #[inline]
+    fn has_got_on(&mut self) {
+        self.waited = 0;
+    }
+
     /// Whether another round is needed after one that moved by so much, and if so, whether it goes slowly.
     #[inline]
     fn go_on(&mut self, moved: f64) -> Result<Option<bool>, DynamicsError> {
@@ -460,6 +466,9 @@ impl Rounds {
         Err(DynamicsError::NoConvergence { what: "the effects of the step", residual: moved, iterations: REFINEMENTS })
     }
 }
+
+/// Answers that run on are followed by so many leaps, each twice the last: what has not turned by then does not, and must not overflow.
+const LEAPS: i32 = 10;
 
 /// Two next velocities of one joint between which that one lies that stays, as one is answered with more and the other with less. Where a joint
 /// breaks away the answer is flat on one side and falls steeply on the other, and secants through neighbours leave for nowhere: those between the
@@ -488,7 +497,7 @@ impl Between {
             *weight *= 0.5;
         }
         (self.ends[side], self.last) = (Some([next, more]), side);
-        let [Some([a, _]), Some([b, _])] = self.ends else { return runs };
+        let [Some([a, _]), Some([b, _])] = self.ends else { return runs && self.ran <= LEAPS };
         let width = (a - b).abs();
         let narrow = self.width > 0.0 && width <= 0.5 * self.width;
         if narrow || self.width == 0.0 {
@@ -506,7 +515,7 @@ impl Between {
                 let inside = (there - a) * (there - b) < 0.0;
                 if inside && !self.is_closing { there } else { (a * below - b * above) / (below - above) }
             }
-            [Some([x, more]), None] | [None, Some([x, more])] if self.ran > 0 => x + 2f64.powi(self.ran) * more,
+            [Some([x, more]), None] | [None, Some([x, more])] if self.ran > 0 => x + 2f64.powi(self.ran.min(LEAPS)) * more,
             _ => there,
         }
     }
