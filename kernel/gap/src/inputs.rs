@@ -403,7 +403,8 @@ mod tests {
     fn rows_that_lack_for_all_joints_are_said_once() {
         let (mut model, mut log) = (door(), swing(&door(), 0.0, 1));
         let effort = hinge(&mut log).effort.as_mut().unwrap();
-        (effort.time.remove(70), effort.value.remove(70));
+        effort.time.remove(70);
+        effort.value.remove(70);
         for name in ["second", "third"] {
             let hinge = model.joints.iter().find(|j| j.name == "hinge").unwrap().clone();
             model.joints.push(sagci_model::Joint { name: name.into(), ..hinge });
