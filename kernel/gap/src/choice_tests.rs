@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use sagci_model::ObjectModel;
 
 use crate::alike::{Circumstances, alike as alike_by_equations, call_by_plain_name};
 use crate::choice::Choice;
@@ -12,7 +13,7 @@ use crate::noise;
 use crate::search::{Candidate, Search};
 use crate::shape::is_bent;
 use crate::starts::Seen;
-use crate::tests::{door, swing, with};
+use crate::tests::{door, driven, swing, with};
 use crate::trajectory::Trajectory;
 
 /// The search's hypothesis with an effect, as if it had been fitted with these errors; the data say as much of its numbers as is given.
@@ -236,6 +237,27 @@ fn a_name_is_not_bent_to_another_shape() {
     // A mass that nothing moves explains a motion that goes on as it went.
     let payload = |mass: f64| is_shaped("payload", &[mass, 0.3, 0.0, 0.0]);
     assert!(payload(3.0) && !payload(300.0));
+}
+
+/// "It stays where it is" forecasts a slow motion from row to row better than a force that is not known exactly: a friction that holds a light
+/// door wherever it is put says just that, while the door goes on.
+#[test]
+fn a_friction_that_holds_a_joint_in_all_rows_in_which_it_moves_is_none() {
+    let mut light = door();
+    let link = light.joints[light.moving_joints().next().unwrap()].child;
+    let body = &mut light.links[link].inertial;
+    (body.mass, body.I_LLcm_L) = (0.01 * body.mass, body.I_LLcm_L * 0.01);
+    let is_shaped = |truth: &ObjectModel, effect: &'static str, values: &[f64]| {
+        let way = |t: f64| 0.5 + 0.12 * t;
+        let trajectories = [Trajectory::new(&driven(truth, 2e-5, 1, 0.5, way), &light).unwrap()];
+        let search = Search::new(&light, &trajectories).unwrap();
+        let named = Hypothesis::known(&light, &search.joints).with(effect, Some("hinge"), values).unwrap();
+        search.is_shaped(&Fit::start(&search.problem, named).unwrap())
+    };
+    let pulled = with(&light, "magnetic_gasket", &[("force", 0.6), ("width", 0.4)]);
+    assert!(!is_shaped(&pulled, "coulomb_friction", &[2.0]) && is_shaped(&pulled, "magnetic_gasket", &[0.5, 0.4]));
+    let rubs = with(&light, "coulomb_friction", &[("friction", 0.3)]);
+    assert!(is_shaped(&rubs, "coulomb_friction", &[0.29]) && !is_shaped(&rubs, "coulomb_friction", &[2.0]));
 }
 
 /// Put beyond its stop by whoever begins a recording, a joint is thrown out within milliseconds.

@@ -109,6 +109,9 @@ const REACH: f64 = 12.0;
 /// Standard deviation of what lies anywhere within a tolerance, as a share of that: 1 / sqrt(3).
 const EVENLY: f64 = 0.577_350_269_189_625_8;
 
+/// Least share of a body's mass and inertia with which it is still a body.
+pub(crate) const LIGHTEST: f64 = 0.1;
+
 /// A number whose whole prior moves the errors by less than this share of their noise is not seen.
 const SEEN: f64 = 0.3;
 
@@ -142,7 +145,8 @@ impl Hypothesis {
                 continue;
             }
             if tolerance.mass > 0.0 {
-                let (bounds, prior) = ([-tolerance.mass, tolerance.mass], [0.0, EVENLY * tolerance.mass]);
+                let bounds = [(-tolerance.mass).max(LIGHTEST - 1.0), tolerance.mass];
+                let prior = [0.0, EVENLY * tolerance.mass];
                 push(Knob::Mass(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
                 push(Knob::Inertia(l), "1", false, bounds, prior, 0.05 * tolerance.mass, 0.0);
             }
@@ -206,7 +210,8 @@ impl Hypothesis {
                 let room = &mut this.fitted[*k];
                 room.prior[1] = room.prior[1].hypot(share[a] * deviation);
                 let more = share[a].abs() * self.fitted[i].bounds[1];
-                room.bounds = [room.bounds[0] - more, room.bounds[1] + more];
+                let least = if matches!(room.knob, Knob::CenterOfMass(..)) { f64::NEG_INFINITY } else { LIGHTEST - 1.0 };
+                room.bounds = [(room.bounds[0] - more).max(least), room.bounds[1] + more];
             }
         }
         let stays = |i: &usize| !inertial(&self.fitted[*i].knob) || kept.contains(i);
@@ -453,5 +458,30 @@ fn set_number(law: &mut ActuatorLaw, name: &str, value: f64) {
         (ActuatorLaw::DcMotor { gain, .. }, "gain") => *gain = Some(value),
         (ActuatorLaw::DcMotor { max_voltage, .. }, "max_voltage") => *max_voltage = value,
         _ => {}
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::{Hypothesis, Knob};
+    use crate::search::Search;
+    use crate::tests::{door, swing};
+    use crate::trajectory::Trajectory;
+
+    /// A door that nobody weighed takes the room of all its inertial numbers into its mass: wider than what is left of a mass at none.
+    #[test]
+    fn a_body_of_which_little_is_known_keeps_a_mass() {
+        let mut model = door();
+        (model.document.refit_tolerance.mass, model.document.refit_tolerance.center_of_mass) = (0.8, 0.4);
+        let data = [Trajectory::new(&swing(&model, 1e-4, 1), &model).unwrap()];
+        let search = Search::new(&model, &data).unwrap();
+        let known = search.anew(&crate::fit::Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap());
+        let condensed = known.hypothesis.condensed(&known.jacobian, 1.0);
+        let lowest = |h: &Hypothesis| {
+            let bodies = h.fitted.iter().filter(|f| matches!(f.knob, Knob::Mass(_) | Knob::Inertia(_)));
+            bodies.map(|f| 1.0 + f.bounds[0]).fold(f64::INFINITY, f64::min)
+        };
+        assert!(condensed.known < known.hypothesis.known && lowest(&condensed) > 0.0, "{} kg of each", lowest(&condensed));
     }
 }

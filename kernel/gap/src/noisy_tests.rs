@@ -90,6 +90,23 @@ fn a_drive_at_its_limit_is_no_heavier() {
     assert_eq!(free.mobility(&[0.5], 0.005, &[2.0]), limited.mobility(&[0.5], 0.005, &[2.0]));
 }
 
+/// A filter of an exact encoder that rings makes of one blow an error in all rows after it, and whatever touches one of these explains the rest.
+#[test]
+fn a_blow_that_no_model_follows_is_no_error_for_long() {
+    let model = door();
+    let mut log = swing(&model, 1e-9, 1);
+    let position = &mut log.joints[0].position;
+    let blow = 1000;
+    let struck = position.time[blow];
+    position.time.iter().zip(&mut position.value).for_each(|(t, y)| *y += 0.5 * (t - struck).max(0.0));
+    let data = [Trajectory::new(&log, &model).unwrap()];
+    let search = Search::new(&model, &data).unwrap();
+    let errors = search.known(&model, 1.0).unwrap().errors;
+    let large = |rows: std::ops::Range<usize>| errors.as_slice()[rows].iter().map(|e| e.abs()).fold(0.0, f64::max);
+    let (there, soon) = (large(blow..blow + 3), large(blow + 8..blow + 50));
+    assert!(soon < 0.02 * there, "{soon} after an error of {there}");
+}
+
 /// A fast mode would make errors weigh less than any other effect could, and explain noise.
 #[test]
 fn a_base_that_swings_is_no_lighter() {

@@ -11,6 +11,12 @@
 //! the inertias that these act on, and on nothing else of the model. So `e` is a smooth function of the model's parameters, each error
 //! depends on the motion of a short time only, and least squares is a well-conditioned problem even where a model is far off.
 //!
+//! What efforts are off by is held from row to row, as they are. The share of accelerations that no model has comes and goes in between: it is
+//! white, and tells a row's position less of its velocity (`P_qq` grows by a third of `(h v')^2`, not by a quarter; Bar-Shalom et al. 2001,
+//! sections 6.2 and 6.3). Were it held, too, an exact encoder's filter would answer an error by twice its velocity, and ring: its pole is at -1
+//! where noise is small, and one blow that no model follows is an error in all rows after it, for any force there to explain. White, the pole is
+//! at -.27.
+//!
 //! What no model has is a share of what happens around a row, of accelerations and of efforts: where a joint hardly moves and hardly is
 //! pushed, a model is hardly off. An effort's share and the noise of a measured one are forces, and accelerate less where there is more
 //! inertia: taken as accelerations they would make heavier models fit better, the attenuation of a slope whose regressor is noisy (Fuller
@@ -43,7 +49,7 @@ use crate::trajectory::Trajectory;
 pub(crate) struct Disturbance {
     /// Of measured positions, rad or m.
     pub position: Vec<f64>,
-    /// Of accelerations and efforts that no model has, each held over one interval, as a share of those around it.
+    /// Of accelerations and efforts that no model has, as a share of those around a row.
     pub share: Vec<f64>,
     /// Accelerations that count as none, rad/s^2 or m/s^2.
     pub quiet: Vec<f64>,
@@ -96,7 +102,7 @@ pub(crate) struct DriveSlopes {
 pub(crate) struct Noise {
     /// Of measured positions, rad or m.
     pub position: Vec<f64>,
-    /// Of accelerations and efforts that no model has, each held over one interval, as a share of those around it.
+    /// Of accelerations and efforts that no model has, as a share of those around a row.
     pub share: Vec<f64>,
     /// Accelerations that count as none, rad/s^2 or m/s^2.
     pub quiet: Vec<f64>,
@@ -115,14 +121,15 @@ impl Noise {
         Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
 
-    /// Standard deviation of the acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2. Where all is `strange`, as much as there is.
-    pub fn acceleration(&self, trajectory: &Trajectory, k: usize, j: usize, strange: bool) -> f64 {
+    /// Standard deviations of the mean acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2: of what efforts are off by, which is held
+    /// until the row as they are, and of what comes and goes. Where all is `strange`, as much as there is.
+    pub fn accelerations(&self, trajectory: &Trajectory, k: usize, j: usize, strange: bool) -> [f64; 2] {
         let n = trajectory.joints;
         let share = |j: usize| if strange { self.share[j].max(1.0) } else { self.share[j] };
-        let moved = share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j]);
         let doubt = |i: usize| trajectory.doubt.get(k * n + i).copied().unwrap_or(0.0);
         let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]).hypot(doubt(i));
-        (moved * moved + (0..n).map(|i| pushed(i).powi(2)).sum::<f64>()).sqrt()
+        let held = (0..n).map(|i| pushed(i).powi(2)).sum::<f64>().sqrt();
+        [held, share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j])]
     }
 
     /// Are efforts measured beside commands?
@@ -177,9 +184,9 @@ impl Gains {
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
-                    let q = noise.acceleration(trajectory, k, j, trajectory.burns_in(start, k)).powi(2);
-                    let [a, b, c] = p;
-                    p = [a + 2.0 * h * b + h * h * c + q * h.powi(4) / 4.0, b + h * c + q * h.powi(3) / 2.0, c + q * h * h];
+                    let [held, white] = noise.accelerations(trajectory, k, j, trajectory.burns_in(start, k)).map(|a| (a * h).powi(2));
+                    let ([a, b, c], both) = (p, held + white);
+                    p = [a + 2.0 * h * b + h * h * (c + held / 4.0 + white / 3.0), b + h * (c + both / 2.0), c + both];
                 }
                 let at = k * n + j;
                 gains.before[at] = p;

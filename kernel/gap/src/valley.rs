@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use crate::GapError;
 use crate::fit::{Fit, Problem, bounded_step, room};
 use crate::gaps::Measure;
-use crate::hypothesis::Knob;
+use crate::hypothesis::{Knob, LIGHTEST};
 use crate::search::Search;
 
 /// By how much a difference along a direction changes all errors together, in their standard deviations, and the most of a prior's deviation
@@ -97,14 +97,16 @@ impl Fit {
         Ok(self)
     }
 
-    /// How far of `reach` there is room along a direction. Bodies may leave their tolerances for a difference.
+    /// How far of `reach` there is room along a direction. Bodies may leave their tolerances for a difference, and have a mass all the same.
     fn room(&self, direction: &[f64], reach: f64) -> f64 {
         let mut room = reach;
-        for ((fitted, x), d) in self.hypothesis.fitted.iter().zip(&self.hypothesis.x).zip(direction) {
-            if matches!(fitted.knob, Knob::Mass(_) | Knob::Inertia(_) | Knob::CenterOfMass(..)) || *d == 0.0 {
-                continue;
-            }
-            let bound = if d * reach > 0.0 { fitted.bounds[1] } else { fitted.bounds[0] };
+        for ((fitted, x), d) in self.hypothesis.fitted.iter().zip(&self.hypothesis.x).zip(direction).filter(|(_, d)| **d != 0.0) {
+            let [low, high] = match fitted.knob {
+                Knob::Mass(_) | Knob::Inertia(_) => [LIGHTEST - 1.0, f64::INFINITY],
+                Knob::CenterOfMass(..) => continue,
+                _ => fitted.bounds,
+            };
+            let bound = if d * reach > 0.0 { high } else { low };
             let most = (bound - x) / d;
             if most.abs() < room.abs() {
                 room = most;

@@ -452,9 +452,11 @@ impl Smoothed {
                     let h = original.time[k] - original.time[k - 1];
                     let doubted = doubted(plant, &mut motion, &original, k, &mut normal);
                     for j in 0..n {
-                        let push = noise.acceleration(&original, k, j, false) * normal() + doubted.get(j).copied().unwrap_or(0.0);
+                        let [held, white] = noise.accelerations(&original, k, j, false);
+                        let push = held.hypot(white) * normal() + doubted.get(j).copied().unwrap_or(0.0);
                         motion.state.v[j] += h * push;
-                        motion.state.q[j] += 0.5 * h * h * push;
+                        // What is white moves a joint by more than the mean of it does.
+                        motion.state.q[j] += h * h * (0.5 * push + white / 12_f64.sqrt() * normal());
                     }
                     plant.clamp(&mut motion);
                 }
