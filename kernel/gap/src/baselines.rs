@@ -125,7 +125,10 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     hypothesis.known = hypothesis.x.len();
     // A run for each number of an arm would be most of the work.
     if search.many_joints() {
-        return Search { problem, ..search.clone() }.in_response(hypothesis, scale);
+        let search = Search { problem, ..search.clone() };
+        let Some(part) = search.part(scale) else { return search.in_response(hypothesis, scale) };
+        let begun = search.over(&part.trajectories).in_response(hypothesis, scale)?;
+        return search.in_response(begun.hypothesis, scale);
     }
     let start = Fit::start(&problem, hypothesis)?;
     let all: Vec<usize> = (0..start.hypothesis.x.len()).collect();

@@ -68,6 +68,14 @@ impl Search<'_> {
         self.problem.measured() as f64 / whole.problem.measured() as f64
     }
 
+    /// Evidence that a fit over such a share of the data promises to gain over all of them: what it says grows with the data, what its numbers
+    /// cost does not.
+    pub fn promised(&self, base: &Fit, fit: &Fit, share: f64, scale: f64) -> f64 {
+        let gain = self.evidence(fit, scale) - self.evidence(base, scale);
+        let said = 0.5 * (base.judged - fit.judged) / (scale * scale);
+        said / share - (said - gain)
+    }
+
     /// The same search over other data of the same model.
     pub fn over<'b>(&self, trajectories: &'b [Trajectory]) -> Search<'b> {
         let Self { problem, names, joints, inertias, seen, still, of_data, mobility, .. } = self;

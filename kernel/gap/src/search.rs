@@ -223,7 +223,12 @@ impl<'a> Search<'a> {
                 let behind = f64::max(NEAR * share, far);
                 all.truncate(all.iter().take(FEWER).take_while(|c| c.evidence > best - behind).count().max(2));
                 let whole = |c: Candidate, bar: f64| Some(Candidate { fit: self.refit_beside(base, &c.fit, scale, bar).ok()?, ..c });
-                self.first_first(base, all, scale, whole)
+                // What promises nothing is seen as all data see it, and not fitted to them.
+                let (hopeful, hopeless): (Vec<_>, Vec<_>) =
+                    all.into_iter().partition(|c| light.promised(&base_there, &c.fit, share, scale) > 0.0);
+                let mut all = self.first_first(base, hopeful, scale, whole);
+                all.extend(hopeless.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect::<Vec<_>>());
+                all
             }
         };
         all.retain(|c| self.is_shaped(&c.fit));
