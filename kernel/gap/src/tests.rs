@@ -73,6 +73,20 @@ pub(crate) fn gap([refitted, after, noise_floor]: [f64; 3]) -> Gap {
     Gap { before: refitted, refitted, after, noise_floor, per_joint: [("hinge".to_owned(), joint)].into() }
 }
 
+/// Dense samples are averaged, and of one that stands alone before a pause, as a clock that was set leaves it, there is nothing to average.
+#[test]
+fn a_sample_far_before_the_others_of_a_dense_recording_does_no_harm() {
+    let mut log = swing(&door(), 1e-4, 1);
+    let joint = &mut log.joints[0];
+    joint.effort = None;
+    joint.position.time.iter_mut().for_each(|t| *t *= 0.2);
+    joint.position.time[0] = -1.0;
+    let all = joint.position.time.len();
+    let read = Trajectory::new(&log, &door()).unwrap();
+    assert!(read.rows() < all / 2 && read.starts == [0], "{} rows from {:?}", read.rows(), read.starts);
+    assert!(crate::windows::has_any(&read, 0.5));
+}
+
 #[test]
 fn the_noise_of_positions_is_read_off_motion() {
     for size in [2e-5, 1e-3] {

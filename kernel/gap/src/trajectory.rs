@@ -199,7 +199,8 @@ impl Trajectory {
             Self { time: Vec::new(), position: Vec::new(), effort: Vec::new(), input: Vec::new(), starts: Vec::new(), ..self.clone() };
         let mut ends = self.starts[1..].to_vec();
         ends.push(self.rows());
-        for (start, end) in self.starts.iter().zip(ends) {
+        // Of a stretch that is shorter than that no mean is left.
+        for (start, end) in self.starts.iter().zip(ends).filter(|(start, end)| *start + many <= *end) {
             this.starts.push(this.time.len());
             for first in (*start..end).step_by(many).filter(|f| f + many <= end) {
                 this.time.push(self.time[first..first + many].iter().sum::<f64>() / many as f64);
@@ -211,7 +212,7 @@ impl Trajectory {
                 }
             }
         }
-        this
+        if this.starts.is_empty() { self } else { this }
     }
 
     fn all(log: &Log, outside: &[(String, Series)], model: &ObjectModel) -> Result<Self, GapError> {
