@@ -1,12 +1,12 @@
-"""Recordings of one joint in which an effect is hidden, by a small engine of its own, and how `sagci gap` answers to them.
+"""Recordings of one joint in which effects are hidden, by a small engine of its own, and how `sagci gap` answers to them.
 
-    python3 tests/peers/one_joint.py OUT [--count 34] [--seed 1] [--limits] [--sagci target/release/sagci]
+    python3 tests/peers/one_joint.py OUT [--count 34] [--seed 1] [--effects 1] [--limits] [--sagci target/release/sagci]
 
 Needs nothing but Python. The engine takes steps of 0.1 ms by the semi-implicit Euler rule, and dry friction is the impulse that may
 stop the joint (neither is done so by our simulator or by the engines of `sagci evaluate gap`). It covers what recordings differ by:
 hand, torque, position servo and motor by voltage; 60 to 1000 Hz; uneven times, lost rows, encoders that read in steps, commands on a
 slower clock, noisy velocities. With --limits a joint reaches a limit of its URDF, which gives way as MuJoCo's do by default
-(solref .02 1, solimp .9 .95 .001).
+(solref .02 1, solimp .9 .95 .001). With --effects 2 or 3 so many are there at once, of which no two make much the same force.
 
 OUT/NAME/ holds object.urdf, model.yaml, train_*.csv and held_out.csv; OUT/sealed/NAME.json the truth, in the names and parameters of the
 catalogue. With --sagci each is asked for, answers go to OUT/answers/, and a line says which is right.
@@ -35,8 +35,19 @@ OF_DRIVES = {
     "joint_elasticity",
 }
 OF_WEIGHT = {"payload", "encoder_offset", "hinge_tilt", "load_dependent_friction"}
+SHUTS = {"magnetic_gasket", "soft_close_damper"}
 # Friction or damping that the model states is refitted, so that more of it is none that is missing.
 OWN_FRICTION = {"coulomb_friction", "asymmetric_friction", "stribeck_friction", "presliding_hysteresis"}
+# At most one of each is there at once: together they could not be told apart, or the engine has room for one.
+AT_MOST_ONE = [
+    OWN_FRICTION | {"thermal_wear"},
+    {"viscous_friction", "asymmetric_friction", "thermal_wear"},
+    {"transport_delay", "clock_skew", "actuator_lag"},
+    {"backlash", "joint_elasticity"},
+    {"payload", "armature_inertia", "torque_gain"},
+    {"hinge_tilt", "torque_bias", "encoder_offset", "sensor_drift", "payload", "joint_spring", "cable_hysteresis"},
+    {"magnetic_gasket", "soft_close_damper"},
+]
 
 
 def sign(x):
@@ -89,40 +100,47 @@ EFFECTS = sorted(draw(random.Random(0), dict.fromkeys(["effort", "speed", "reach
 
 
 class Joint:
-    """A joint with one effect: what acts on it beside the drive, and its state."""
+    """A joint with its effects: what acts on it beside the drive, and its state."""
 
-    def __init__(self, name, p, known, true, give_way):
-        self.name, self.p, self.known, self.true, self.give_way = name, p, known, true, give_way
+    def __init__(self, effects, known, true, give_way):
+        self.effects, self.known, self.true, self.give_way = effects, known, true, give_way
         self.session = 0.0
 
     def start(self, q):
-        self.q, self.v, self.z, self.rotor, self.rotor_speed, self.lagged = q, 0.0, 0.0, q, 0.0, 0.0
+        self.q, self.v, self.rotor, self.rotor_speed, self.lagged = q, 0.0, q, 0.0, 0.0
+        self.z = dict.fromkeys(self.effects, 0.0)
 
     def drive(self, tau):
-        p = self.p
-        if self.name == "torque_gain":
-            return (1 - p["gain_error"]) * tau
-        if self.name == "actuator_lag":
+        """What comes through of an effort that is asked for: it is misread, lags, is cut off, and goes through a gear, in this order."""
+        if p := self.effects.get("torque_gain"):
+            tau = (1 - p["gain_error"]) * tau
+        if p := self.effects.get("actuator_lag"):
             self.lagged += STEP / p["time_constant"] * (tau - self.lagged)
-            return self.lagged
-        if self.name == "actuator_saturation":
-            return max(-p["limit"], min(p["limit"], tau))
-        if self.name in ("backlash", "joint_elasticity"):
-            apart, closing = self.rotor - self.q, self.rotor_speed - self.v
-            if self.name == "backlash":
-                deep = max(0.0, abs(apart) - p["half_gap"]) * sign(apart)
-                mesh = p["rotor_inertia"] * (1.2e3**2 * deep + 300.0 * closing) if deep else 0.0
-                mesh = mesh if mesh * deep > 0 else 0.0
-            else:
-                mesh = p["stiffness"] * apart + p["damping"] * closing
-            self.rotor_speed += STEP * (tau - mesh) / p["rotor_inertia"]
-            self.rotor += STEP * self.rotor_speed
-            return mesh
+            tau = self.lagged
+        if p := self.effects.get("actuator_saturation"):
+            tau = max(-p["limit"], min(p["limit"], tau))
+        apart, closing = self.rotor - self.q, self.rotor_speed - self.v
+        if p := self.effects.get("backlash"):
+            deep = max(0.0, abs(apart) - p["half_gap"]) * sign(apart)
+            mesh = p["rotor_inertia"] * (1.2e3**2 * deep + 300.0 * closing) if deep else 0.0
+            return self.through(p, tau, mesh if mesh * deep > 0 else 0.0)
+        if p := self.effects.get("joint_elasticity"):
+            return self.through(p, tau, p["stiffness"] * apart + p["damping"] * closing)
         return tau
 
-    def lacking(self, t):
+    def through(self, p, tau, mesh):
+        """What a gear passes on while its rotor turns."""
+        self.rotor_speed += STEP * (tau - mesh) / p["rotor_inertia"]
+        self.rotor += STEP * self.rotor_speed
+        return mesh
+
+    def resists(self, t):
         """What resists the motion beside what the model has, but for dry friction."""
-        n, p, q, v = self.name, self.p, self.q, self.v
+        return sum(self.lacking(n, p, t) for n, p in self.effects.items())
+
+    def lacking(self, n, p, t):
+        """The same of one effect."""
+        q, v = self.q, self.v
         if n == "viscous_friction":
             return p["damping"] * v
         if n == "asymmetric_friction":
@@ -148,37 +166,38 @@ class Joint:
             deep = q - p["position"]
             return max(0.0, deep * (p["stiffness"] + p["dissipation"] * v)) if deep > 0 else 0.0
         if n == "cable_hysteresis":
-            self.z += STEP * abs(v) * (sign(v) - self.z) / p["loop_length"]
-            return p["stiffness"] * (q - p["rest_position"]) + p["loop_force"] * self.z + p["damping"] * v
+            self.z[n] += STEP * abs(v) * (sign(v) - self.z[n]) / p["loop_length"]
+            return p["stiffness"] * (q - p["rest_position"]) + p["loop_force"] * self.z[n] + p["damping"] * v
         if n == "presliding_hysteresis":
             g = p["friction"] + (p["static_friction"] - p["friction"]) * math.exp(-((v / p["stribeck_velocity"]) ** 2))
-            self.z = (self.z + STEP * v) / (1 + STEP * p["stiffness"] * abs(v) / g)
-            return p["stiffness"] * self.z
+            self.z[n] = (self.z[n] + STEP * v) / (1 + STEP * p["stiffness"] * abs(v) / g)
+            return p["stiffness"] * self.z[n]
         if n == "thermal_wear":
             return self.true["damping"] * v * p["amplitude"] * math.exp(-t / p["time_constant"])
         return 0.0
 
     def dry(self, t, tau, weight, way):
         """Level of dry friction."""
-        n, p, level = self.name, self.p, self.true["friction"]
-        if n == "coulomb_friction":
-            level += p["friction"]
-        if n == "asymmetric_friction":
-            level += p["friction_positive" if way > 0 else "friction_negative"]
-        if n == "stribeck_friction":
-            level += p["friction"] + (p["static_friction"] - p["friction"]) * math.exp(-(abs(self.v / p["stribeck_velocity"]) ** p["exponent"]))
-        if n == "position_dependent_friction":
-            level += p["friction"] + p["amplitude"] * math.exp(-(((self.q - p["position"]) / p["width"]) ** 2) / 2)
-        if n == "load_dependent_friction":
-            level += p["load_coefficient"] * abs(tau + weight)
-        if n == "thermal_wear":
-            level *= 1 + p["amplitude"] * math.exp(-t / p["time_constant"])
+        level = self.true["friction"]
+        for n, p in self.effects.items():
+            if n == "coulomb_friction":
+                level += p["friction"]
+            if n == "asymmetric_friction":
+                level += p["friction_positive" if way > 0 else "friction_negative"]
+            if n == "stribeck_friction":
+                level += p["friction"] + (p["static_friction"] - p["friction"]) * math.exp(-(abs(self.v / p["stribeck_velocity"]) ** p["exponent"]))
+            if n == "position_dependent_friction":
+                level += p["friction"] + p["amplitude"] * math.exp(-(((self.q - p["position"]) / p["width"]) ** 2) / 2)
+            if n == "load_dependent_friction":
+                level += p["load_coefficient"] * abs(tau + weight)
+            if n == "thermal_wear":
+                level += self.true["friction"] * p["amplitude"] * math.exp(-t / p["time_constant"])
         return level
 
     def step(self, t, tau):
         tau, inertia = self.drive(tau), self.true["inertia"]
         weight = self.true["sine"] * math.sin(self.q) - self.true["cosine"] * math.cos(self.q)
-        force = tau - weight - self.true["damping"] * self.v - self.lacking(t)
+        force = tau - weight - self.true["damping"] * self.v - self.resists(t)
         if self.give_way and self.q < 0:
             free, share = force / inertia, 0.9 + 0.05 * min(1.0, -self.q / 1e-3)
             held = (1 - share) * free - share * (2 * self.v / (0.95 * 0.02) + self.q / (0.95 * 0.02) ** 2)
@@ -201,19 +220,37 @@ def way_of(r, kind, duration):
     }[kind]
 
 
-def make(out, k, seed, limits):
+def drawn(k, seed, count):
+    """The effects of a recording: the first in turns, others that go with it by chance."""
+    chosen, r = {EFFECTS[k % len(EFFECTS)]}, random.Random(1000003 * seed + k)
+    while len(chosen) < count and "clean" not in chosen:
+        another = r.choice(EFFECTS)
+        together = chosen | {another}
+        # A door that shuts hangs upright, and of weight is what hangs.
+        apart = together & SHUTS and together & OF_WEIGHT
+        if another not in chosen | {"clean"} and not apart and all(len(together & group) < 2 for group in AT_MOST_ONE):
+            chosen = together
+    return sorted(chosen)
+
+
+def named(k, effects):
+    return f"{k:03}_" + "+".join(effects)
+
+
+def make(out, k, seed, count, limits):
     r = random.Random(1000 * seed + k)
-    effect = EFFECTS[k % len(EFFECTS)]
-    mechanism = "pendulum" if effect in OF_WEIGHT else r.choice(list(DRIVES))
-    shuts = limits or effect in ("magnetic_gasket", "soft_close_damper")
-    if effect in ("magnetic_gasket", "soft_close_damper") and mechanism == "pendulum":
+    chosen = drawn(k, seed, count)
+    there = set(chosen)
+    mechanism = "pendulum" if there & OF_WEIGHT else r.choice(list(DRIVES))
+    shuts = limits or there & SHUTS
+    if there & SHUTS and mechanism == "pendulum":
         mechanism = "door"
     rate, recorded = r.choice(list(DURATION)), r.choice(RECORDED)
     drive = r.choice(DRIVES[mechanism])
-    if effect in OF_DRIVES and drive == "effort" or effect in ("backlash", "joint_elasticity"):
+    if there & OF_DRIVES and drive == "effort" or there & {"backlash", "joint_elasticity"}:
         drive = "command_effort"
     # A servo's own loop sees what its encoder says; an empty voltage is an open circuit.
-    if effect in ("encoder_offset", "sensor_drift", "clock_skew", "transport_delay") and drive == "command_position":
+    if there & {"encoder_offset", "sensor_drift", "clock_skew", "transport_delay"} and drive == "command_position":
         drive = "command_effort"
     if recorded == "with slow commands" and drive in ("command_voltage", "effort"):
         recorded = "evenly"
@@ -223,20 +260,21 @@ def make(out, k, seed, limits):
     inertia, reach, speed = (central + mass * lever**2, 1.0, 3.0) if turns else (mass, 0.25, 0.8)
     weight = mass * 9.81 * lever if mechanism == "pendulum" else 0.0
     known = {
-        "damping": inertia * r.uniform(0.1, 0.5) if r.random() < 0.5 and effect != "viscous_friction" or effect == "thermal_wear" else 0.0,
-        "friction": inertia * r.uniform(0.1, 0.6) if r.random() < 0.5 and effect not in OWN_FRICTION or effect == "thermal_wear" else 0.0,
+        "damping": inertia * r.uniform(0.1, 0.5) if r.random() < 0.5 and "viscous_friction" not in there or "thermal_wear" in there else 0.0,
+        "friction": inertia * r.uniform(0.1, 0.6) if r.random() < 0.5 and not there & OWN_FRICTION or "thermal_wear" in there else 0.0,
     }
     size = {"effort": inertia * 8 * reach + 0.5 * weight, "speed": speed, "reach": reach, "inertia": inertia, "mass": mass, "weight": weight}
-    p = draw(r, size)[effect]
+    parameters = draw(r, size)
+    effects = {name: parameters[name] for name in chosen}
     # Within the tolerances that model.yaml has by default.
     m, at = mass * r.uniform(0.985, 1.015), lever + (r.uniform(-0.003, 0.003) if turns else 0.0)
     true = {name: value * r.uniform(0.85, 1.15) for name, value in known.items()}
     true |= {"inertia": central * m / mass + m * at**2 if turns else m, "sine": m * 9.81 * at if weight else 0.0, "cosine": 0.0}
-    if effect == "payload":
+    if p := effects.get("payload"):
         true["inertia"] += p["mass"] * (p["x"] ** 2 + p["z"] ** 2)
         true["sine"] -= p["mass"] * 9.81 * p["z"]
         true["cosine"] = p["mass"] * 9.81 * p["x"]
-    if effect == "armature_inertia":
+    if p := effects.get("armature_inertia"):
         true["inertia"] += p["inertia"]
     noise, effort_noise = r.choice([2e-5, 2e-4, 1e-3]) * reach, size["effort"] * r.choice([0.001, 0.01, 0.03])
     pace = [inertia * r.uniform(200, 600), inertia * r.uniform(10, 30)]
@@ -246,7 +284,7 @@ def make(out, k, seed, limits):
         "command_position": f"{{kind: position_servo, stiffness: {pace[0]:.6f}, damping: {pace[1]:.6f}}}",
         "command_voltage": f"{{kind: dc_motor, torque_constant: {motor[0]:.6f}, resistance: {motor[1]:.6f}}}",
     }.get(drive)
-    name = f"{k:03}_{effect}"
+    name = named(k, chosen)
     folder = out / name
     folder.mkdir(parents=True, exist_ok=True)
     center = {"pendulum": f"0 0 {-lever:.6f}", "door": f"{lever:.6f} 0 0", "slide": "0 0 0"}[mechanism]
@@ -268,10 +306,11 @@ def make(out, k, seed, limits):
     (folder / "model.yaml").write_text("schema: 1\nname: thing\n" + (f"actuators:\n- joint: {JOINT}\n  law: {law}\n" if law else ""))
     middle = 0.45 * reach if shuts else 0.0
     # What sits somewhere sits where the joint comes by; a stop is there already.
-    if effect in ("detent", "position_dependent_friction"):
-        p["position"] += middle
-    joint = Joint(effect, p, known, true, limits)
-    session = effect in ("thermal_wear", "sensor_drift")
+    for placed in there & {"detent", "position_dependent_friction"}:
+        effects[placed]["position"] += middle
+    joint = Joint(effects, known, true, limits)
+    session = there & {"thermal_wear", "sensor_drift"}
+    delay = effects.get("transport_delay", {}).get("delay", 0.0)
     for kind in ("sines", "steps", "chirp", "mixed"):
         wanted, period, count = way_of(r, kind, DURATION[rate]), 1 / rate, DURATION[rate] * rate
         times = [i * period for i in range(count + 1)]
@@ -287,7 +326,7 @@ def make(out, k, seed, limits):
             rows.append((t, joint.q, joint.v, command))
             for s in range(round((times[i + 1] - t) / STEP)):
                 now = t + s * STEP
-                sent = now - p["delay"] if effect == "transport_delay" else now
+                sent = now - delay
                 c = rows[bisect.bisect_right(times, sent + 1e-9) - 1][3] if sent >= 0 else 0.0
                 tau = {
                     "command_position": pace[0] * (c - joint.q) - pace[1] * joint.v,
@@ -297,7 +336,7 @@ def make(out, k, seed, limits):
         held_out = kind == "mixed"
         write(folder / ("held_out.csv" if held_out else f"train_{kind}.csv"), r, joint, rows, times, drive, recorded, (noise, effort_noise), session, speed)
         joint.session += times[-1]
-    sealed = {"effect": effect, "parameters": p, "mechanism": mechanism, "drive": drive, "rate": rate, "recorded": recorded, "noise": noise}
+    sealed = {"effects": effects, "mechanism": mechanism, "drive": drive, "rate": rate, "recorded": recorded, "noise": noise}
     (out / "sealed").mkdir(exist_ok=True)
     (out / "sealed" / f"{name}.json").write_text(json.dumps(sealed, indent=1))
 
@@ -319,16 +358,16 @@ def in_steps(q, noise):
 
 def write(path, r, joint, rows, times, drive, recorded, noise, session, speed):
     """What is measured. A clock that is off reads the joint at another time than it says."""
-    p, name = joint.p, joint.name
+    skew, offset, drift = (joint.effects.get(name) for name in ("clock_skew", "encoder_offset", "sensor_drift"))
     lines = [f"time,{JOINT}.position,{JOINT}.{drive}" + (f",{JOINT}.velocity" if recorded == "with noisy velocities" else "")]
     states = [row[1:3] for row in rows]
     for i, (t, q, v, c) in enumerate(rows):
-        if name == "clock_skew":
-            q = read_at(t - p["skew"], times, states)
-        if name == "encoder_offset":
-            q += p["offset"]
-        if name == "sensor_drift":
-            q += p["bias"] + p["rate"] * (joint.session + t)
+        if skew:
+            q = read_at(t - skew["skew"], times, states)
+        if offset:
+            q += offset["offset"]
+        if drift:
+            q += drift["bias"] + drift["rate"] * (joint.session + t)
         q += r.gauss(0, noise[0])
         if recorded == "in encoder steps":
             q = in_steps(q, noise[0])
@@ -339,6 +378,14 @@ def write(path, r, joint, rows, times, drive, recorded, noise, session, speed):
         line = f"{t + (joint.session if session else 0.0):.6f},{q:.8f},{cell}"
         lines.append(line + (f",{v + r.gauss(0, 0.02 * speed):.6f}" if recorded == "with noisy velocities" else ""))
     path.write_text("\n".join(lines) + "\n")
+
+
+def most_told(sets, hidden):
+    """How many of the hidden effects are told, each by an answer of its own."""
+    if not sets:
+        return 0
+    rest = sets[1:]
+    return max([most_told(rest, hidden)] + [1 + most_told(rest, hidden - {name}) for name in sets[0] if name in hidden])
 
 
 def ask(sagci, out, name):
@@ -353,12 +400,16 @@ def ask(sagci, out, name):
     (answers / f"{name}.json").write_text(done.stdout)
     answer = json.loads(done.stdout)
     sets = [[e["name"], *e["alternatives"]] for e in answer["effects"]]
-    if truth["effect"] == "clean":
+    hidden = set(truth["effects"]) - {"clean"}
+    found = most_told(sets, hidden)
+    if not hidden:
         how = "right" if answer["verdict"] == "no_gap" else "wrong"
-    elif len(sets) == 1 and truth["effect"] in sets[0]:
-        how = "right" if len(sets[0]) == 1 else "in the set"
+    elif found == len(sets) == len(hidden):
+        how = "right" if all(len(s) == 1 for s in sets) else "in the set"
+    elif found == len(sets):
+        how = "part of it" if sets else "nothing"
     else:
-        how = "beside others" if any(truth["effect"] in s for s in sets) else "wrong"
+        how = "beside others" if found else "wrong"
     said = " + ".join("|".join(s) for s in sets) or answer["verdict"]
     setting = f"{truth['mechanism']}, {truth['drive']}, {truth['rate']} Hz, {truth['recorded']}"
     return how, f"{name:32} {how:13} {said} ({setting}; {answer['seconds']:.1f} s)"
@@ -369,14 +420,16 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--count", type=int, default=len(EFFECTS), help="recordings, the effects in turns")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--effects", type=int, default=1, choices=[1, 2, 3], help="how many are there at once")
+    parser.add_argument("--first", type=int, default=0, help="number of the first recording")
     parser.add_argument("--limits", action="store_true", help="joints reach a limit that gives way")
     parser.add_argument("--sagci", help="program to ask")
     given = parser.parse_args()
     counts = {}
-    for k in range(given.count):
-        make(given.out, k, given.seed, given.limits)
+    for k in range(given.first, given.first + given.count):
+        make(given.out, k, given.seed, given.effects, given.limits)
         if given.sagci:
-            how, line = ask(given.sagci, given.out, f"{k:03}_{EFFECTS[k % len(EFFECTS)]}")
+            how, line = ask(given.sagci, given.out, named(k, drawn(k, given.seed, given.effects)))
             counts[how] = counts.get(how, 0) + 1
             print(line, flush=True)
     print(", ".join(f"{how}: {n}" for how, n in sorted(counts.items())))

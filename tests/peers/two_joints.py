@@ -68,7 +68,7 @@ class Arm:
     def step(self, joints, now, efforts):
         q, v = [j.q for j in joints], [j.v for j in joints]
         (m11, m12, m22), bias = self.dynamics(q, v)
-        free = [u - b - j.true["damping"] * j.v - j.lacking(now) for u, b, j in zip(efforts, bias, joints)]
+        free = [u - b - j.true["damping"] * j.v - j.resists(now) for u, b, j in zip(efforts, bias, joints)]
         det = m11 * m22 - m12 * m12
         own, other = [m22 / det, m11 / det], -m12 / det
         v = [v[k] + STEP * (own[k] * free[k] + other * free[1 - k]) for k in range(2)]
@@ -123,7 +123,7 @@ def make(out, k, seed):
     if effect == "armature_inertia":
         true.armature = [p["inertia"] * (j == at) for j in range(2)]
     losses = [{n: x * r.uniform(0.85, 1.15) for n, x in own.items()} | {"inertia": i} for own, i in zip(known, arm.inertia)]
-    joints = [Joint(effect if j == at else "clean", p if j == at else {}, known[j], losses[j], False) for j in range(2)]
+    joints = [Joint({effect: p} if j == at else {}, known[j], losses[j], False) for j in range(2)]
     noise = r.choice([2e-5, 2e-4, 1e-3])
     servo = [(i * r.uniform(200, 500), i * r.uniform(15, 30)) for i in arm.inertia]
     name = f"{k:03}_{effect}"
@@ -153,14 +153,14 @@ def make(out, k, seed):
             for s in range(round((times[i + 1] - t) / STEP)):
                 now, efforts = t + s * STEP, []
                 for j, joint in enumerate(joints):
-                    sent = now - p["delay"] if joint.name == "transport_delay" else now
+                    sent = now - joint.effects.get("transport_delay", {}).get("delay", 0.0)
                     c = rows[bisect.bisect_right(times, sent + 1e-9) - 1][3][j] if sent >= 0 else 0.0
                     efforts.append(joint.drive(servo[j][0] * (c - joint.q) - servo[j][1] * joint.v if drive == "command_position" else c))
                 true.step(joints, session + now, efforts)
         file = folder / ("held_out.csv" if kind == "mixed" else f"train_{kind}.csv")
         write(file, r, rows, times, drive, recorded, noise, (effect, p, at), (session, goes_on))
         session += times[-1]
-    truth = {"effect": effect, "joint": NAMES[at], "parameters": p, "mechanism": "upright arm" if arm.upright else "level arm", "drive": drive,
+    truth = {"effects": {effect: p}, "joint": NAMES[at], "mechanism": "upright arm" if arm.upright else "level arm", "drive": drive,
              "rate": rate, "recorded": recorded, "noise": noise}
     (out / "sealed").mkdir(exist_ok=True)
     (out / "sealed" / f"{name}.json").write_text(json.dumps(truth, indent=1))
@@ -212,7 +212,7 @@ def main():
             answer = json.loads((given.out / "answers" / f"{name}.json").read_text())
             truth = json.loads((given.out / "sealed" / f"{name}.json").read_text())
             # A clock is off for both, wherever it is said.
-            if any(e["joint"] not in (None, truth["joint"]) for e in answer["effects"] if truth["effect"] != "clock_skew"):
+            if any(e["joint"] not in (None, truth["joint"]) for e in answer["effects"] if "clock_skew" not in truth["effects"]):
                 how, line = "wrong joint", line + " AT THE OTHER JOINT"
         counts[how] = counts.get(how, 0) + 1
         print(line, flush=True)
