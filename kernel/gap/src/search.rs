@@ -1,6 +1,7 @@
 //! Which effect is missing: starts from everything the catalogue offers, exact fits of the best, and their evidence.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::iter;
 
 use rayon::prelude::*;
 use sagci_dynamics::effects;
@@ -77,6 +78,8 @@ pub(crate) const QUICK: usize = 5;
 /// How many starts of an effect go on after the first look.
 const AHEAD: usize = 2;
 const LOOK: usize = 2;
+/// How often one goes on that comes nearer by as much as it is behind.
+const PERSISTENT: usize = 4;
 /// Share of a gain that is asked for below which nothing is fitted to the end.
 const HALF_WAY: f64 = 0.5;
 /// An effect that after the first rounds in the simulator explains less than this share of what the best one explains is not looked at
@@ -349,10 +352,20 @@ impl<'a> Search<'a> {
             *place += 1;
             *place <= ahead
         });
-        let go_on = |(c, known): (Candidate, Derivatives<'_>)| {
-            let fit = c.fit.improve(&self.problem, scale, effort(QUICK - LOOK), Derivatives { kept: true, ..known }).ok()?;
-            let evidence = self.evidence(&fit, scale);
-            evidence.is_finite().then_some(Candidate { fit, evidence, ..c })
+        let here = self.evidence(base, scale);
+        let go_on = |(mut c, known): (Candidate, Derivatives<'_>)| {
+            let mut begin = Derivatives { kept: true, ..known };
+            for rounds in iter::once(QUICK - LOOK).chain(iter::repeat_n(QUICK, PERSISTENT)) {
+                let before = c.evidence;
+                c.fit = c.fit.improve(&self.problem, scale, effort(rounds), begin).ok()?;
+                c.evidence = self.evidence(&c.fit, scale);
+                begin = known;
+                // What still comes nearer by as much as it is behind has begun far from where it ends.
+                if c.evidence > here - NEAR || c.evidence - before < here - c.evidence {
+                    break;
+                }
+            }
+            c.evidence.is_finite().then_some(c)
         };
         let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(go_on).collect();
         best(&mut begun);
