@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use crate::GapError;
 use crate::hypothesis::{Fitted, Hypothesis};
 use crate::noise;
-use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise};
+use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise, Run};
 use crate::plant::Plant;
 use crate::span::Change;
 use crate::stops::Stops;
@@ -61,10 +61,26 @@ impl<'a> Problem<'a> {
         Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, rough: false, smooth: false, mobility: None }
     }
 
-    /// The filter's gains for a plant.
-    pub fn gains(&self, plant: &Plant) -> Vec<Gains> {
+    /// Prediction errors of a plant, and its runs along all trajectories.
+    pub fn followed(&self, plant: &Plant) -> Result<(DVector<f64>, Vec<Run>), GapError> {
         let noise = self.noise(plant);
-        self.trajectories.iter().map(|t| Gains::new(t, &noise)).collect()
+        let along = |session: &&[Trajectory]| {
+            let (mut motion, mut errors, mut runs) = (plant.motion(), Errors::default(), Vec::new());
+            for trajectory in *session {
+                let (gains, mut run) = (Gains::new(trajectory, &noise), Run::default());
+                observer::run(plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+                runs.push(Run { gains, ..run });
+            }
+            Ok((errors, runs))
+        };
+        let followed: Vec<(Errors, Vec<Run>)> = self.sessions().par_iter().map(along).collect::<Result<_, GapError>>()?;
+        let (errors, runs): (Vec<Errors>, Vec<Vec<Run>>) = followed.into_iter().unzip();
+        Ok((Errors::joined(&errors), runs.into_iter().flatten().collect()))
+    }
+
+    /// Trajectories that a session's inner states go through one after the other.
+    fn sessions(&self) -> Vec<&[Trajectory]> {
+        self.trajectories.chunk_by(|_, next| next.continues).collect()
     }
 
     /// Noise as the filter of a plant takes it.
@@ -92,8 +108,6 @@ impl<'a> Problem<'a> {
         let mut plant = hypothesis.plant(x, &self.limits, self.step)?;
         (plant.rough, plant.smooth) = (self.rough, self.smooth);
         let noise = self.noise(&plant);
-        // A session's inner states go on from one trajectory to the next.
-        let sessions = self.trajectories.chunk_by(|_, next| next.continues).collect::<Vec<_>>();
         let run = |session: &&[Trajectory]| {
             let mut motion = plant.motion();
             let mut errors = Errors::default();
@@ -102,7 +116,7 @@ impl<'a> Problem<'a> {
             }
             Ok(errors)
         };
-        let errors: Vec<Errors> = sessions.par_iter().map(run).collect::<Result<_, GapError>>()?;
+        let errors: Vec<Errors> = self.sessions().par_iter().map(run).collect::<Result<_, GapError>>()?;
         Ok(Errors::joined(&errors))
     }
 

@@ -14,6 +14,7 @@
 //! the filter made of its own corrections: with them a network would learn the filter.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
 use sagci_dynamics::residual::{Activation, Network, Normalisation, Residual};
 use sagci_model::JointKind;
 
@@ -21,7 +22,7 @@ use crate::GapError;
 use crate::fit::Fit;
 use crate::flexible;
 use crate::gaps::Measure;
-use crate::observer::{self, Errors, Run};
+use crate::observer::Run;
 use crate::report::Remainder;
 use crate::response::Response;
 use crate::search::{STEP, Search};
@@ -90,15 +91,8 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
 
 /// Prediction errors of a fitted model with a learned force, and its runs, in steps no longer than `step`.
 pub(crate) fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>, step: f64) -> Result<(DVector<f64>, Vec<Run>), GapError> {
-    let problem = &search.problem;
-    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &problem.limits, step)?.with_residual(residual)?;
-    let (mut motion, mut errors, mut runs) = (plant.motion(), Errors::default(), Vec::new());
-    for (trajectory, gains) in problem.trajectories.iter().zip(problem.gains(&plant)) {
-        let mut run = Run::default();
-        observer::run(&plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
-        runs.push(Run { gains, ..run });
-    }
-    Ok((Errors::joined(&[errors]), runs))
+    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &search.problem.limits, step)?.with_residual(residual)?;
+    search.problem.followed(&plant)
 }
 
 impl Search<'_> {
@@ -218,7 +212,7 @@ fn slopes(network: &Network, rows: &[Vec<f64>], free: &[usize], response: &Respo
             force[k] = -bar[*i];
         }
     }
-    let columns: Vec<DVector<f64>> = forces.iter().map(|f| response.errors_of(f)).collect();
+    let columns: Vec<DVector<f64>> = forces.par_iter().map(|f| response.errors_of(f)).collect();
     DMatrix::from_columns(&columns)
 }
 

@@ -13,7 +13,7 @@ use crate::fit::{Derivatives, Effort, Fit, Problem};
 use crate::hypothesis::{Fitted, Hypothesis};
 use crate::memory::Memory;
 use crate::noise;
-use crate::observer::{self, Disturbance, Errors, Run};
+use crate::observer::{Disturbance, Run};
 use crate::part::Part;
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
@@ -445,15 +445,7 @@ impl<'a> Search<'a> {
     /// Runs of a fitted model along all trajectories.
     pub fn runs(&self, fit: &Fit) -> Result<Vec<Run>, GapError> {
         let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
-        let mut motion = plant.motion();
-        let mut runs = Vec::new();
-        for (trajectory, gains) in self.problem.trajectories.iter().zip(self.problem.gains(&plant)) {
-            let mut run = Run { gains, ..Run::default() };
-            let gains = run.gains.clone();
-            observer::run(&plant, trajectory, &gains, &mut motion, &mut Errors::default(), Some(&mut run))?;
-            runs.push(run);
-        }
-        Ok(runs)
+        Ok(self.problem.followed(&plant)?.1)
     }
 }
 
