@@ -46,6 +46,7 @@ AT_MOST_ONE = [
     {"backlash", "joint_elasticity"},
     {"payload", "armature_inertia", "torque_gain"},
     {"hinge_tilt", "torque_bias", "encoder_offset", "sensor_drift", "payload", "joint_spring", "cable_hysteresis"},
+    {"asymmetric_friction", "torque_bias"},
     {"magnetic_gasket", "soft_close_damper"},
 ]
 
