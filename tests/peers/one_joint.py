@@ -1,12 +1,13 @@
 """Recordings of one joint in which effects are hidden, by a small engine of its own, and how `sagci gap` answers to them.
 
-    python3 tests/peers/one_joint.py OUT [--count 34] [--seed 1] [--effects 1] [--limits] [--sagci target/release/sagci]
+    python3 tests/peers/one_joint.py OUT [--count 34] [--seed 1] [--effects 1] [--limits] [--outside] [--sagci target/release/sagci]
 
 Needs nothing but Python. The engine takes steps of 0.1 ms by the semi-implicit Euler rule, and dry friction is the impulse that may
 stop the joint (neither is done so by our simulator or by the engines of `sagci evaluate gap`). It covers what recordings differ by:
 hand, torque, position servo and motor by voltage; 60 to 1000 Hz; uneven times, lost rows, encoders that read in steps, commands on a
 slower clock, noisy velocities. With --limits a joint reaches a limit of its URDF, which gives way as MuJoCo's do by default
 (solref .02 1, solimp .9 .95 .001). With --effects 2 or 3 so many are there at once, of which no two make much the same force.
+With --outside what is hidden is none of the catalogue's, and "unknown" is the right answer to it.
 
 OUT/NAME/ holds object.urdf, model.yaml, train_*.csv and held_out.csv; OUT/sealed/NAME.json the truth, in the names and parameters of the
 catalogue. With --sagci each is asked for, answers go to OUT/answers/, and a line says which is right.
@@ -97,15 +98,52 @@ def draw(r, s):
     }
 
 
-EFFECTS = sorted(draw(random.Random(0), dict.fromkeys(["effort", "speed", "reach", "inertia", "mass", "weight"], 1.0)))
+def draw_outside(r, s):
+    """Parameters of what no catalogue has, by name."""
+    u = r.uniform
+    f, v, a, m = s["effort"], s["speed"], s["reach"], s["inertia"]
+    return {
+        # One way only, as a rubber band.
+        "band": {"stiffness": f * u(0.4, 1.0) / a, "position": a * u(-0.2, 0.2)},
+        # A force that grows with the square of the way, as a leaf that is wound up.
+        "hardening": {"stiffness": f * u(0.3, 0.9) / a**3},
+        # Dry friction that grows from one end to the other.
+        "wedge": {"friction": f * u(0.08, 0.2), "grows": u(0.5, 0.9) * r.choice([-1, 1])},
+        # A wheel out of balance that somebody else drives.
+        "shaker": {"amplitude": f * u(0.06, 0.2), "pace": 2 * math.pi * u(1.5, 6), "phase": u(0, 6)},
+        # The body becomes lighter half-way through each recording.
+        "spill": {"share": u(0.15, 0.4)},
+        # Small commands do nothing.
+        "dead_band": {"width": f * u(0.05, 0.2)},
+        # The drive's effort changes no faster than so.
+        "slew": {"rate": f * u(3, 12)},
+        # Friction that is less the longer the joint has been moving.
+        "warms_up": {"friction": f * u(0.1, 0.25), "time": u(0.3, 1.5)},
+        # Damping where oil is, to both sides of a place.
+        "oil": {"damping": f * u(0.3, 0.9) / v, "position": a * u(-0.2, 0.2), "width": a * u(0.1, 0.3)},
+        # Steps that a ratchet makes one way only.
+        "ratchet": {"friction": f * u(0.1, 0.3), "pitch": a * u(0.15, 0.4)},
+        # Two of three commands arrive.
+        "lost_commands": {"each": r.choice([2, 3, 4])},
+        # A current that flows with the joint's angle and its velocity.
+        "eddy": {"damping": f * u(0.15, 0.5) / v, "cycles": r.choice([2, 3, 4]) / a},
+    }
+
+
+def names_of(draws):
+    return sorted(draws(random.Random(0), dict.fromkeys(["effort", "speed", "reach", "inertia", "mass", "weight"], 1.0)))
+
+
+OUTSIDE = names_of(draw_outside)
+EFFECTS = names_of(draw)
 
 
 class Joint:
     """A joint with its effects: what acts on it beside the drive, and its state."""
 
-    def __init__(self, effects, known, true, give_way):
-        self.effects, self.known, self.true, self.give_way = effects, known, true, give_way
-        self.session = 0.0
+    def __init__(self, effects, known, true, give_way, reach=1.0):
+        self.effects, self.known, self.true, self.give_way, self.reach = effects, known, true, give_way, reach
+        self.session, self.lasts = 0.0, math.inf
 
     def start(self, q):
         self.q, self.v, self.rotor, self.rotor_speed, self.lagged = q, 0.0, q, 0.0, 0.0
@@ -113,6 +151,11 @@ class Joint:
 
     def drive(self, tau):
         """What comes through of an effort that is asked for: it is misread, lags, is cut off, and goes through a gear, in this order."""
+        if p := self.effects.get("dead_band"):
+            tau = sign(tau) * max(0.0, abs(tau) - p["width"])
+        if p := self.effects.get("slew"):
+            self.lagged += max(-STEP * p["rate"], min(STEP * p["rate"], tau - self.lagged))
+            tau = self.lagged
         if p := self.effects.get("torque_gain"):
             tau = (1 - p["gain_error"]) * tau
         if p := self.effects.get("actuator_lag"):
@@ -173,6 +216,16 @@ class Joint:
             g = p["friction"] + (p["static_friction"] - p["friction"]) * math.exp(-((v / p["stribeck_velocity"]) ** 2))
             self.z[n] = (self.z[n] + STEP * v) / (1 + STEP * p["stiffness"] * abs(v) / g)
             return p["stiffness"] * self.z[n]
+        if n == "band":
+            return p["stiffness"] * max(0.0, q - p["position"])
+        if n == "hardening":
+            return p["stiffness"] * q**3
+        if n == "shaker":
+            return p["amplitude"] * math.sin(p["pace"] * t + p["phase"])
+        if n == "oil":
+            return p["damping"] * v * math.exp(-(((q - p["position"]) / p["width"]) ** 4))
+        if n == "eddy":
+            return p["damping"] * v * math.sin(p["cycles"] * q) ** 2
         if n == "thermal_wear":
             return self.true["damping"] * v * p["amplitude"] * math.exp(-t / p["time_constant"])
         return 0.0
@@ -189,6 +242,13 @@ class Joint:
                 level += p["friction"] + (p["static_friction"] - p["friction"]) * math.exp(-(abs(self.v / p["stribeck_velocity"]) ** p["exponent"]))
             if n == "position_dependent_friction":
                 level += p["friction"] + p["amplitude"] * math.exp(-(((self.q - p["position"]) / p["width"]) ** 2) / 2)
+            if n == "wedge":
+                level += p["friction"] * (1 + p["grows"] * max(-1.0, min(1.0, self.q / self.reach)))
+            if n == "warms_up":
+                self.z[n] = max(0.0, self.z[n] + STEP * (1.0 if abs(self.v) > 0.02 * self.reach else -5.0))
+                level += p["friction"] * math.exp(-self.z[n] / p["time"])
+            if n == "ratchet" and way < 0:
+                level += p["friction"] * (self.q / p["pitch"] % 1.0)
             if n == "load_dependent_friction":
                 level += p["load_coefficient"] * abs(tau + weight)
             if n == "thermal_wear":
@@ -196,8 +256,9 @@ class Joint:
         return level
 
     def step(self, t, tau):
-        tau, inertia = self.drive(tau), self.true["inertia"]
-        weight = self.true["sine"] * math.sin(self.q) - self.true["cosine"] * math.cos(self.q)
+        spilt = self.effects.get("spill", {}).get("share", 0.0) if t - self.session > 0.5 * self.lasts else 0.0
+        tau, inertia = self.drive(tau), self.true["inertia"] * (1 - spilt)
+        weight = (self.true["sine"] * math.sin(self.q) - self.true["cosine"] * math.cos(self.q)) * (1 - spilt)
         force = tau - weight - self.true["damping"] * self.v - self.resists(t)
         if self.give_way and self.q < 0:
             free, share = force / inertia, 0.9 + 0.05 * min(1.0, -self.q / 1e-3)
@@ -221,8 +282,10 @@ def way_of(r, kind, duration):
     }[kind]
 
 
-def drawn(k, seed, count):
+def drawn(k, seed, count, outside=False):
     """The effects of a recording: the first in turns, others that go with it by chance."""
+    if outside:
+        return [OUTSIDE[k % len(OUTSIDE)]]
     chosen, r = {EFFECTS[k % len(EFFECTS)]}, random.Random(1000003 * seed + k)
     while len(chosen) < count and "clean" not in chosen:
         another = r.choice(EFFECTS)
@@ -238,9 +301,9 @@ def named(k, effects):
     return f"{k:03}_" + "+".join(effects)
 
 
-def make(out, k, seed, count, limits):
+def make(out, k, seed, count, limits, outside):
     r = random.Random(1000 * seed + k)
-    chosen = drawn(k, seed, count)
+    chosen = drawn(k, seed, count, outside)
     there = set(chosen)
     mechanism = "pendulum" if there & OF_WEIGHT else r.choice(list(DRIVES))
     shuts = limits or there & SHUTS
@@ -248,10 +311,10 @@ def make(out, k, seed, count, limits):
         mechanism = "door"
     rate, recorded = r.choice(list(DURATION)), r.choice(RECORDED)
     drive = r.choice(DRIVES[mechanism])
-    if there & OF_DRIVES and drive == "effort" or there & {"backlash", "joint_elasticity"}:
+    if there & (OF_DRIVES | {"dead_band", "slew", "lost_commands"}) and drive == "effort" or there & {"backlash", "joint_elasticity"}:
         drive = "command_effort"
     # A servo's own loop sees what its encoder says; an empty voltage is an open circuit.
-    if there & {"encoder_offset", "sensor_drift", "clock_skew", "transport_delay"} and drive == "command_position":
+    if there & {"encoder_offset", "sensor_drift", "clock_skew", "transport_delay", "lost_commands"} and drive == "command_position":
         drive = "command_effort"
     if recorded == "with slow commands" and drive in ("command_voltage", "effort"):
         recorded = "evenly"
@@ -265,7 +328,7 @@ def make(out, k, seed, count, limits):
         "friction": inertia * r.uniform(0.1, 0.6) if r.random() < 0.5 and not there & OWN_FRICTION or "thermal_wear" in there else 0.0,
     }
     size = {"effort": inertia * 8 * reach + 0.5 * weight, "speed": speed, "reach": reach, "inertia": inertia, "mass": mass, "weight": weight}
-    parameters = draw(r, size)
+    parameters = (draw_outside if outside else draw)(r, size)
     effects = {name: parameters[name] for name in chosen}
     # Within the tolerances that model.yaml has by default.
     m, at = mass * r.uniform(0.985, 1.015), lever + (r.uniform(-0.003, 0.003) if turns else 0.0)
@@ -309,14 +372,16 @@ def make(out, k, seed, count, limits):
     # What sits somewhere sits where the joint comes by; a stop is there already.
     for placed in there & {"detent", "position_dependent_friction"}:
         effects[placed]["position"] += middle
-    joint = Joint(effects, known, true, limits)
+    joint = Joint(effects, known, true, limits, reach)
     session = there & {"thermal_wear", "sensor_drift"}
     delay = effects.get("transport_delay", {}).get("delay", 0.0)
+    each = effects.get("lost_commands", {}).get("each", 1)
     for kind in ("sines", "steps", "chirp", "mixed"):
         wanted, period, count = way_of(r, kind, DURATION[rate]), 1 / rate, DURATION[rate] * rate
         times = [i * period for i in range(count + 1)]
         if recorded == "unevenly":
             times = [0.0] + [round(t + r.uniform(-0.3, 0.3) * period, 4) for t in times[1:]]
+        joint.lasts = times[-1]
         joint.start(middle + 0.15 * reach * r.uniform(-1, 1))
         rows, command = [], 0.0
         for i, t in enumerate(times[:-1]):
@@ -328,7 +393,8 @@ def make(out, k, seed, count, limits):
             for s in range(round((times[i + 1] - t) / STEP)):
                 now = t + s * STEP
                 sent = now - delay
-                c = rows[bisect.bisect_right(times, sent + 1e-9) - 1][3] if sent >= 0 else 0.0
+                arrived = (bisect.bisect_right(times, sent + 1e-9) - 1) // each * each
+                c = rows[arrived][3] if sent >= 0 else 0.0
                 tau = {
                     "command_position": pace[0] * (c - joint.q) - pace[1] * joint.v,
                     "command_voltage": motor[0] * (c - motor[0] * joint.v) / motor[1],
@@ -403,7 +469,9 @@ def ask(sagci, out, name):
     sets = [[e["name"], *e["alternatives"]] for e in answer["effects"]]
     hidden = set(truth["effects"]) - {"clean"}
     found = most_told(sets, hidden)
-    if not hidden:
+    if hidden & set(OUTSIDE):
+        how = "wrong" if sets else "right" if answer["verdict"] == "unknown" else "nothing"
+    elif not hidden:
         how = "right" if answer["verdict"] == "no_gap" else "wrong"
     elif found == len(sets) == len(hidden):
         how = "right" if all(len(s) == 1 for s in sets) else "in the set"
@@ -424,13 +492,14 @@ def main():
     parser.add_argument("--effects", type=int, default=1, choices=[1, 2, 3], help="how many are there at once")
     parser.add_argument("--first", type=int, default=0, help="number of the first recording")
     parser.add_argument("--limits", action="store_true", help="joints reach a limit that gives way")
+    parser.add_argument("--outside", action="store_true", help="what no catalogue has")
     parser.add_argument("--sagci", help="program to ask")
     given = parser.parse_args()
     counts = {}
     for k in range(given.first, given.first + given.count):
-        make(given.out, k, given.seed, given.effects, given.limits)
+        make(given.out, k, given.seed, given.effects, given.limits, given.outside)
         if given.sagci:
-            how, line = ask(given.sagci, given.out, named(k, drawn(k, given.seed, given.effects)))
+            how, line = ask(given.sagci, given.out, named(k, drawn(k, given.seed, given.effects, given.outside)))
             counts[how] = counts.get(how, 0) + 1
             print(line, flush=True)
     print(", ".join(f"{how}: {n}" for how, n in sorted(counts.items())))

@@ -6,6 +6,7 @@ use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::report::{Gap, Gaps, Unexplained};
 use crate::search::Search;
+use crate::trajectory::Trajectory;
 use crate::weigh::{CONVINCING, MATERIAL};
 
 /// How many times its noise floor a gap is that cannot be smaller.
@@ -21,7 +22,7 @@ const BEYOND_NOISE: f64 = 1.2;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;
 
-/// Share of joints' ranges below which a gap without a name is none: engines of the same model differ by as much within a second.
+/// Share of what joints move through below which a gap without a name is none: engines of the same model differ by as much within a second.
 const NOTHING: f64 = 2e-4;
 
 /// What was named.
@@ -56,7 +57,7 @@ pub(crate) fn left_over(
     let lacking = search.explained_force(current, refitted)?;
     let share = nameless.force / lacking.hypot(nameless.force).max(1e-12);
     let unseen = gap.held_out.as_ref().unwrap_or(&gap.train);
-    if named != Named::Near && unseen.after < NOTHING && gap.train.after < NOTHING {
+    if named != Named::Near && [unseen, &gap.train].iter().all(|g| is_nothing(search, g)) {
         return Ok(None);
     }
     if named == Named::Something && is_explained(&gap.train, unseen) {
@@ -92,6 +93,18 @@ pub(crate) fn left_over(
     let in_doubt = at_the_floor || named == Named::Something && search.problem.disturbance.effort[*joint] > 0.0;
     let shows = beyond_noise || is_there && (!by_chance || is_plain()) && (!in_doubt || holds(search, current, *joint, nameless)?);
     Ok(shows.then(|| Unexplained { share, joint: search.names[*joint].clone(), over: nameless.over.into(), region: nameless.region }))
+}
+
+/// Is a gap small beside the motion? A model may give a joint far more range than it ever uses.
+fn is_nothing(search: &Search<'_>, gap: &Gap) -> bool {
+    let share = |(j, name): (usize, &String)| {
+        let joint = gap.per_joint.get(name)?;
+        let [low, high] = Trajectory::range(search.problem.trajectories.iter(), j);
+        let way = if search.still[j] { joint.range } else { joint.range.min(high - low) };
+        Some((joint.after / way).powi(2))
+    };
+    let shares = search.names.iter().enumerate().filter_map(share);
+    shares.sum::<f64>() < NOTHING.powi(2) * search.names.len() as f64
 }
 
 /// Do names leave next to nothing of the gap, on data that nothing was fitted to, too, and little more than noise makes?

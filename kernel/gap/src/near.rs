@@ -23,6 +23,7 @@ const MUCH: f64 = 0.4;
 const MUCH_MORE: f64 = 1.2;
 /// How many times as large names may make the gap: where it is small, or motion unstable, chance makes it larger, too.
 const GROWN: f64 = 1.5;
+const BETTER: &str = "a force without a name fits better";
 
 /// Names beside forces without one.
 #[derive(Clone, Copy)]
@@ -50,50 +51,41 @@ impl Beside<'_> {
         (self.share > 0.0 && self.shown.left() > SOME).then_some(self.left)
     }
 
-    /// Why the names are the neighbours alone of what is there. They leave data far off that nothing was fitted to, and most of the gap, or a good
-    /// part of the force, while one without a name says nearly as much as all of them, and they little beside it; where nothing of the force is
-    /// left, what is far off is chance, as where a joint sticks. So are names that leave a force and a good part of the gap, where a single one
-    /// without a name does for both; names that no such data confirm, where one without a name says more, or as much where they leave most of the
-    /// gap; and names that make the gap larger.
+    /// Why the names are the neighbours alone of what is there.
     pub fn only_near(&self) -> Option<&'static str> {
         let Self { shown, fitted, said, left, all, share, told, large, unconfirmed } = *self;
         let is_left = left > 2.0 * CONVINCING;
         let far = shown.is_far() && told && is_left;
         let as_well = all > NEARLY * said;
-        if shown.left() > GROWN && shown.after > GROWN * shown.noise_floor {
-            return Some("windows are predicted worse with it");
-        }
-        if far && shown.left() > MOST_OF_IT {
-            return Some("most of the gap is left");
-        }
         // By so much over all windows: a friction that binds for moments is far off in few of them.
         let leaves = |gap: &Gap, part: f64| gap.after > part * gap.refitted && gap.is_far();
-        if share > MOST_OF_FORCE && (shown.left() > GOOD_PART || leaves(fitted, TOO_MUCH)) {
-            return Some("more of the force is left than is explained");
-        }
-        if share > MOST_OF_IT && shown.left() > MOST_OF_IT && is_left {
-            return Some("most of the gap is left, and much of the force");
-        }
-        if leaves(shown, MOST_OF_IT) {
-            return Some("most of the gap is left where windows are far off");
-        }
-        // What was fitted to is no measure of that: a real servo's two names leave two ninths of it there, and a twelfth where nothing was.
-        if share > 0.0 && leaves(shown, TOO_MUCH) {
-            return Some("a force is left, and much of the gap");
-        }
-        // Where noise hides what predictions miss, a single force without a name that says much more than all of the names says so.
-        if all > MUCH_MORE * said + 2.0 * CONVINCING && [shown, fitted].iter().all(|gap| gap.left() > MUCH) {
-            return Some("a force without a name says more, and much of the gap is left");
-        }
         // Unseen data that do not reach what the names are for, and so confirm none of them, leave all of the gap.
         let leave = |part: f64| shown.left() > part && (!unconfirmed || fitted.left() > part);
-        // What says more than all of the names, or nearly what they and what they leave say together, is what they share among them.
-        if share > 0.0 && leave(GOOD_PART) && all > said.min(NEARLY * (said + left)) {
-            return Some("a single force without a name says as much as it and what it leaves");
-        }
-        let instead = share > 0.0 && far && large && as_well && said + left - all < (1.0 - NEARLY) * said;
-        let better = unconfirmed && (all > said + 2.0 * CONVINCING || as_well && leave(MOST_OF_IT));
-        (instead || better).then_some("a force without a name fits better")
+        let reasons = [
+            (shown.left() > GROWN && shown.after > GROWN * shown.noise_floor, "windows are predicted worse with it"),
+            (far && shown.left() > MOST_OF_IT, "most of the gap is left"),
+            (
+                share > MOST_OF_FORCE && (shown.left() > GOOD_PART || leaves(fitted, TOO_MUCH)),
+                "more of the force is left than is explained",
+            ),
+            (share > MOST_OF_IT && shown.left() > MOST_OF_IT && is_left, "most of the gap is left, and much of the force"),
+            (leaves(shown, MOST_OF_IT), "most of the gap is left where windows are far off"),
+            // What was fitted to is no measure of that: a real servo's two names leave two ninths of it there, and a twelfth where nothing was.
+            (share > 0.0 && leaves(shown, TOO_MUCH), "a force is left, and much of the gap"),
+            // Where noise hides what predictions miss, a single force without a name that says much more than all of the names says so.
+            (
+                all > MUCH_MORE * said + 2.0 * CONVINCING && [shown, fitted].iter().all(|gap| gap.left() > MUCH),
+                "a force without a name says more, and much of the gap is left",
+            ),
+            // What says more than all of the names, or nearly what they and what they leave say together, is what they share among them.
+            (
+                share > 0.0 && leave(GOOD_PART) && all > said.min(NEARLY * (said + left)),
+                "a single force without a name says as much as it and what it leaves",
+            ),
+            (share > 0.0 && far && large && as_well && said + left - all < (1.0 - NEARLY) * said, BETTER),
+            (unconfirmed && (all > said + 2.0 * CONVINCING || as_well && leave(MOST_OF_IT)), BETTER),
+        ];
+        reasons.into_iter().find_map(|(holds, reason)| holds.then_some(reason))
     }
 }
 
@@ -103,10 +95,14 @@ mod tests {
     use crate::report::Gap;
     use crate::tests::gap;
 
+    /// Names that say so much, as a force without one does on what they leave and instead of them.
+    fn beside<'a>([fitted, shown]: [&'a Gap; 2], [said, left, all]: [f64; 3], share: f64) -> Beside<'a> {
+        Beside { shown, fitted, said, left, all, share, told: true, large: false, unconfirmed: false }
+    }
+
     /// Is a name withdrawn that says, and leaves, so much?
-    fn is_near(gap: &Gap, [said, left, all]: [f64; 3], share: f64) -> bool {
-        let beside = Beside { shown: gap, fitted: gap, said, left, all, share, told: true, large: false, unconfirmed: false };
-        beside.only_near().is_some()
+    fn is_near(gap: &Gap, says: [f64; 3], share: f64) -> bool {
+        beside([gap, gap], says, share).only_near().is_some()
     }
 
     /// Figures of drags that grow with the third power of speed, of a friction that grows while a joint rests, of one that binds for moments.
@@ -135,18 +131,8 @@ mod tests {
     fn names_that_leave_more_of_the_force_than_they_explain_are_not_believed() {
         let (fitted, shown) = (gap([0.512, 0.085, 6e-5]), gap([0.549, 0.0265, 6e-5]));
         let near = |share: f64| {
-            let beside = Beside {
-                shown: &shown,
-                fitted: &fitted,
-                said: 1793.0,
-                left: 1237.0,
-                all: 1500.0,
-                share,
-                told: true,
-                large: true,
-                unconfirmed: false,
-            };
-            beside.only_near().is_some()
+            let beside = beside([&fitted, &shown], [1793.0, 1237.0, 1500.0], share);
+            Beside { large: true, ..beside }.only_near().is_some()
         };
         assert!(near(1.0) && !near(0.46));
     }
@@ -163,11 +149,9 @@ mod tests {
     /// Figures of a friction that grows while a joint rests and of a disturbance by time, under much noise: nothing that is left is told from chance.
     #[test]
     fn names_that_say_much_less_than_a_force_without_one_are_not_believed_under_noise() {
-        let near = |fitted: [f64; 3], shown: [f64; 3], [said, left, all]: [f64; 3]| {
+        let near = |fitted: [f64; 3], shown: [f64; 3], says: [f64; 3]| {
             let (fitted, shown) = (gap(fitted), gap(shown));
-            Beside { shown: &shown, fitted: &fitted, said, left, all, share: 0.0, told: false, large: true, unconfirmed: false }
-                .only_near()
-                .is_some()
+            Beside { told: false, large: true, ..beside([&fitted, &shown], says, 0.0) }.only_near().is_some()
         };
         assert!(near([0.1276, 0.0936, 0.0318], [0.0629, 0.0303, 0.0171], [41.0, 50.0, 86.0]), "dry friction");
         assert!(near([0.2722, 0.2316, 0.0862], [0.0481, 0.0333, 0.0368], [2037.0, 1195.0, 2596.0]), "a mode and an armature");
@@ -178,11 +162,9 @@ mod tests {
     /// A mass that comes loose is no payload; a detent that unseen data do not reach is one all the same.
     #[test]
     fn what_unseen_data_do_not_reach_is_not_held_against_a_name() {
-        let unconfirmed = |fitted: [f64; 3], shown: [f64; 3], [said, left, all]: [f64; 3], share: f64| {
+        let unconfirmed = |fitted: [f64; 3], shown: [f64; 3], says: [f64; 3], share: f64| {
             let (fitted, shown) = (gap(fitted), gap(shown));
-            Beside { shown: &shown, fitted: &fitted, said, left, all, share, told: true, large: false, unconfirmed: true }
-                .only_near()
-                .is_some()
+            Beside { unconfirmed: true, ..beside([&fitted, &shown], says, share) }.only_near().is_some()
         };
         assert!(unconfirmed([0.0169, 0.0150, 0.0118], [0.0313, 0.0302, 0.0250], [141.4, 2.4, 140.7], 0.0), "a payload");
         let (reached, not_reached) = ([0.05, 0.002, 0.001], [0.002, 0.002, 0.001]);

@@ -14,7 +14,6 @@ use crate::hypothesis::{Fitted, Hypothesis};
 use crate::memory::Memory;
 use crate::noise;
 use crate::observer::{Disturbance, Run};
-use crate::part::Part;
 use crate::plant::Plant;
 use crate::screen::{NEAR, Screened};
 use crate::starts::{JointView, Seen, neighbours, observable};
@@ -205,11 +204,19 @@ impl<'a> Search<'a> {
     pub fn stage_within(&self, base: &Fit, scale: f64, most: usize, gain: f64) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base, scale)?;
         let mut all = match self.part(scale) {
+            None if self.problem.step < STEP => {
+                let light = self.over(self.problem.trajectories).roughly();
+                let there = base.under(&light.problem)?;
+                let screened = self.screen(base, &views, scale, most)?;
+                self.ended(base, self.begun_lightly(base, &views, (&light, &there), screened, scale, gain), scale, gain)
+            }
             None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
             Some(part) if !self.many_joints() => {
+                let light = self.over(&part.trajectories).roughly();
+                let there = part.of(&light, base)?;
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
-                self.ended(base, self.begun_by_part(base, &views, &part, screened, scale, gain)?, scale, gain)
+                self.ended(base, self.begun_lightly(base, &views, (&light, &there), screened, scale, gain), scale, gain)
             }
             Some(part) => {
                 let light = self.over(&part.trajectories);
@@ -241,21 +248,26 @@ impl<'a> Search<'a> {
         Ok(all)
     }
 
-    /// First fits over a part of the data, as all of them see what these come to; over all of them of what the part shows much less of than its share.
-    fn begun_by_part(
+    /// The same in steps that are no shorter than need be where nothing is known yet.
+    fn roughly(mut self) -> Self {
+        self.problem.step = STEP;
+        self
+    }
+
+    /// First fits over a part of the data or in longer steps, as all of them see what these come to; over all of them of what the part shows much
+    /// less of than its share. The lighter search comes with its fit of the base.
+    fn begun_lightly(
         &self,
         base: &Fit,
         views: &[JointView],
-        part: &Part,
+        (light, there): (&Search<'_>, &Fit),
         screened: Vec<Screened>,
         scale: f64,
         gain: f64,
-    ) -> Result<Vec<Candidate>, GapError> {
-        let light = self.over(&part.trajectories);
+    ) -> Vec<Candidate> {
         let share = light.share_of(self);
-        let there = part.of(&light, base)?;
-        let begun = light.begun(&there, views, screened.clone(), scale, gain * share);
-        let here = light.evidence(&there, scale);
+        let begun = light.begun(there, views, screened.clone(), scale, gain * share);
+        let here = light.evidence(there, scale);
         let shown = |s: &Screened| {
             let same = begun.iter().filter(|c| (c.effect, c.joint) == (s.effect, s.joint));
             same.map(|c| c.evidence - here).fold(f64::NEG_INFINITY, f64::max)
@@ -266,7 +278,7 @@ impl<'a> Search<'a> {
         begun.extend(again);
         begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         one_of_each(&mut begun);
-        Ok(begun)
+        begun
     }
 
     /// Where the fit of the best has come to its end, its neighbours begin there as well: where they began beside its own beginning they may have
