@@ -34,6 +34,9 @@ const LEAST_PLACE: f64 = 0.05;
 /// Spread of the logarithm of a drive's number, or of friction, in the free refit.
 const FREE: f64 = 3.0;
 
+/// Share of the errors' squares that is no progress in the free refit of an arm, where one round is seconds.
+const TRIFLE: f64 = 1e-2;
+
 /// Terms of the regression: effect, its parameters at a coefficient of one, whether the coefficient may be negative.
 const TERMS: [(&str, &[f64], bool); 7] = [
     ("torque_bias", &[1.0], true),
@@ -126,9 +129,9 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     // A run for each number of an arm would be most of the work.
     if search.many_joints() {
         let search = Search { problem, ..search.clone() };
-        let Some(part) = search.part(scale) else { return search.in_response(hypothesis, scale) };
-        let begun = search.over(&part.trajectories).in_response(hypothesis, scale)?;
-        return search.in_response(begun.hypothesis, scale);
+        let Some(part) = search.part(scale) else { return search.in_response(hypothesis, scale, TRIFLE) };
+        let begun = search.over(&part.trajectories).in_response(hypothesis, scale, TRIFLE)?;
+        return search.in_response(begun.hypothesis, scale, TRIFLE);
     }
     let start = Fit::start(&problem, hypothesis)?;
     let all: Vec<usize> = (0..start.hypothesis.x.len()).collect();

@@ -136,15 +136,16 @@ impl<'a> Search<'a> {
     /// The model as given, its known numbers refitted.
     pub fn known(&self, model: &ObjectModel, scale: f64) -> Result<Fit, GapError> {
         let Some(part) = self.part(scale).filter(|_| self.many_joints()) else {
-            let fit = self.in_response(Hypothesis::known(model, &self.joints), scale)?;
+            let fit = self.in_response(Hypothesis::known(model, &self.joints), scale, TRIFLE)?;
             return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
         };
-        let begun = self.over(&part.trajectories).in_response(Hypothesis::known(model, &self.joints), scale)?;
+        let begun = self.over(&part.trajectories).in_response(Hypothesis::known(model, &self.joints), scale, TRIFLE)?;
         self.refit(&begun, scale)
     }
 
-    /// Known numbers fitted by derivatives in the linear response, those that the data can tell.
-    pub fn in_response(&self, known: Hypothesis, scale: f64) -> Result<Fit, GapError> {
+    /// Known numbers fitted by derivatives in the linear response, those that the data can tell, until these bring no more than such a share of the
+    /// errors' squares.
+    pub fn in_response(&self, known: Hypothesis, scale: f64, trifle: f64) -> Result<Fit, GapError> {
         let mut fit = Fit::start(&self.problem, known)?;
         fit.jacobian = self.derivatives_by_known(&fit)?;
         let hypothesis = fit.hypothesis.condensed(&fit.jacobian, scale);
@@ -154,7 +155,7 @@ impl<'a> Search<'a> {
         for _ in 0..ROUNDS {
             let (before, all) = (fit.squares, fit.jacobian.clone());
             fit = fit.improve(&self.problem, scale, Effort::new(QUICK, 0.5), Derivatives { frozen: Some(&all), ..Derivatives::FRESH })?;
-            if before - fit.squares < TRIFLE * before {
+            if before - fit.squares < trifle * before {
                 break;
             }
             fit.jacobian = self.derivatives_by_known(&fit)?;

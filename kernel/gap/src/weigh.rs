@@ -77,7 +77,8 @@ impl<'a> Search<'a> {
         // Judged at the end; until then beside the base.
         fit.judged = base.judged + fit.squares - base.squares;
         let known = self.known_columns(&fit)?;
-        let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
+        // Of an arm such fits are most of the work.
+        let begin = Derivatives { frozen: known.as_deref(), roughly: self.many_joints(), ..Derivatives::FRESH };
         Ok(self.judge(fit.finish(&self.problem, scale, begin, Effort { enough: COMPARED, ..Effort::to_the_end(bar) })?))
     }
 
