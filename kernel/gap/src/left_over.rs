@@ -131,7 +131,7 @@ fn holds(search: &Search<'_>, current: &Fit, joint: usize, nameless: &Nameless) 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::{hangs_together, is_explained};
+    use super::{hangs_together, is_explained, is_nothing};
     use crate::report::Gap;
     use crate::search::Search;
     use crate::tests::{door, swing, with};
@@ -147,6 +147,21 @@ mod tests {
         assert!(is_explained(&gap(0.025), &gap(0.04)));
         assert!(!is_explained(&gap(0.045), &gap(0.04)), "more than twice what noise makes");
         assert!(!is_explained(&gap(0.025), &gap(0.2)), "a fifth of what was unseen is left");
+    }
+
+    /// A slide that its model gives forty metres moved by half of one, and a gap ten times its floor was none.
+    #[test]
+    fn a_gap_is_nothing_beside_the_motion_and_not_beside_what_a_model_allows() {
+        let data = [Trajectory::new(&swing(&door(), 2e-4, 1), &door()).unwrap()];
+        let search = Search::new(&door(), &data).unwrap();
+        let [low, high] = Trajectory::range(data.iter(), 0);
+        let beside_far_limits = |share: f64| {
+            let mut gap = gap(share * (high - low));
+            gap.per_joint.values_mut().for_each(|joint| joint.range = 100.0 * (high - low));
+            gap
+        };
+        assert!(is_nothing(&search, &beside_far_limits(1e-4)));
+        assert!(!is_nothing(&search, &beside_far_limits(1e-3)));
     }
 
     /// Errors that a force makes hang together as long as it acts. Counted as few for that, a dozen times the evidence that is asked said nothing.

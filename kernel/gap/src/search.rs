@@ -512,3 +512,28 @@ pub(crate) fn entries(hypothesis: &Hypothesis) -> Vec<usize> {
     found.dedup();
     found
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::Search;
+    use crate::screen::Screened;
+    use crate::tests::{door, swing, with};
+    use crate::trajectory::Trajectory;
+
+    /// A start that was far from where it ends was left while it came nearer tenfold with each few steps, and another name stood in its place.
+    #[test]
+    fn a_start_far_from_its_end_is_not_left_while_it_comes_nearer() {
+        let truth = with(&door(), "joint_spring", &[("stiffness", 0.05), ("rest_position", 0.7)]);
+        let data = [Trajectory::new(&swing(&truth, 2e-4, 1), &door()).unwrap()];
+        let search = Search::new(&door(), &data).unwrap();
+        let base = search.known(&door(), 1.0).unwrap();
+        let views = search.views(&base, 1.0).unwrap();
+        let hypothesis = base.hypothesis.with("joint_spring", Some("hinge"), &[20.0, 0.7]).unwrap();
+        let far = Screened { effect: "joint_spring", joint: Some(0), hypothesis, worth: 1e3, held: 1e3, linear: false, plain: true };
+        let begun = search.begun(&base, &views, vec![far], 1.0, 0.0);
+        let gain = |c: &super::Candidate| c.evidence - search.evidence(&base, 1.0);
+        let spring = begun.iter().find(|c| c.effect == "joint_spring").unwrap();
+        assert!(gain(spring) > 10.0, "{}", gain(spring));
+    }
+}
