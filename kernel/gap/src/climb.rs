@@ -197,11 +197,8 @@ impl<'a> Climb<'a> {
         search.prefer_two(model, current, &mut candidates, scale, window)?;
         let Some(best) = candidates.first() else { return Ok(false) };
         say(&format!("  most likely: {}", best_three(&candidates, here)));
-        let nameless = search.nameless(current, scale)?;
-        // A force without a name is screened in the errors as they are: so it stands beside the best name as that does there.
         let gain = best.evidence - here;
-        let own_gain = search.evidence_in_fit(&best.fit, scale) - search.evidence_in_fit(current, scale);
-        let without_name = nameless.as_ref().map_or(0.0, |(_, n)| n.evidence + gain - own_gain);
+        let without_name = search.without_name(current, &best.fit, gain, scale)?;
         // Beside a name, where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs
         // together, and what bends to that is refused for it. Without any, what hangs together so may be none of the catalogue.
         let mut turn = vec![0];

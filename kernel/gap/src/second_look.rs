@@ -110,7 +110,8 @@ impl Climb<'_> {
             say(&format!("  {} alone says what {one} and {other} do ({:+.1})", best.effect, -gain));
             let fit = best.fit.clone();
             let explained = search.explained(&less, &fit);
-            let choice = Choice::new(search, &candidates, without, self.chosen[b].nameless, explained, scale);
+            let nameless = search.without_name(&less, &fit, best.evidence - without, scale)?;
+            let choice = Choice::new(search, &candidates, without, nameless, explained, scale);
             self.current = fit;
             self.chosen.remove(a);
             self.chosen.remove(b);
@@ -145,14 +146,18 @@ impl Climb<'_> {
             }
             say(&format!("  {} says more than {name} beside the others ({:+.1})", best.effect, best.evidence - with));
             let explained = search.explained(&less, &settled);
-            let choice = Choice::new(search, &candidates, without, self.chosen[at].nameless, explained, scale);
+            let nameless = search.without_name(&less, &settled, best.evidence - without, scale)?;
+            let choice = Choice::new(search, &candidates, without, nameless, explained, scale);
             self.current = settled;
             self.chosen.remove(at);
             self.chosen.push(choice);
             return Ok(true);
         }
         let explained = search.explained(&less, current);
+        let nameless = search.without_name(&less, current, with - without, scale)?;
         let choice = &mut self.chosen[at];
+        // What it said when it was found, it said of what the others explain as well.
+        choice.nameless = nameless;
         choice.around(search, &candidates, [with, without], scale);
         choice.explained = explained;
         self.both_give_way(at, &candidates, [with, without], ascent)
@@ -220,8 +225,8 @@ mod tests {
 
     type Numbers<'n> = &'n [(&'static str, &'n [(&'static str, f64)])];
 
-    /// Which names are left of some, fitted to what others hide, once any two of them may give way to one?
-    fn left(hidden: Numbers<'_>, named: Numbers<'_>) -> Vec<&'static str> {
+    /// Asks something of names that are fitted to what others hide.
+    fn asked<T>(hidden: Numbers<'_>, named: Numbers<'_>, ask: impl FnOnce(&mut Climb<'_>, &Ascent<'_>) -> T) -> T {
         let model = door();
         let truth = hidden.iter().fold(model.clone(), |model, (effect, numbers)| with(&model, effect, numbers));
         let data: Vec<Trajectory> = (1..3).map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap()).collect();
@@ -234,10 +239,17 @@ mod tests {
             let more = climb.current.hypothesis.with(effect, Some("hinge"), &values).unwrap();
             climb.current = climb.search.fit_on(Fit::start(&climb.search.problem, more).unwrap(), 1.0).unwrap();
             let candidate = Candidate { effect, joint: Some(0), fit: climb.current.clone(), evidence: 0.0 };
-            climb.chosen.push(Choice::new(&climb.search, &[candidate], -1.0, 0.0, 1.0, 1.0));
+            climb.chosen.push(Choice::new(&climb.search, &[candidate], -1.0, 1e6, 1.0, 1.0));
         }
-        climb.two_give_way(&Ascent { model: &model, window: 1.0, seed: 1, say: &|_| {} }).unwrap();
-        climb.chosen.iter().map(|c| c.best.effect).collect()
+        ask(&mut climb, &Ascent { model: &model, window: 1.0, seed: 1, say: &|_| {} })
+    }
+
+    /// Which names are left once any two of them may give way to one?
+    fn left(hidden: Numbers<'_>, named: Numbers<'_>) -> Vec<&'static str> {
+        asked(hidden, named, |climb, ascent| {
+            climb.two_give_way(ascent).unwrap();
+            climb.chosen.iter().map(|c| c.best.effect).collect()
+        })
     }
 
     /// A sine and a dent together make a spring of themselves.
@@ -253,5 +265,18 @@ mod tests {
         let (dry, drag) = ([("friction", 0.03)], [("drag", 0.02)]);
         let both: Numbers<'_> = &[("coulomb_friction", &dry), ("quadratic_drag", &drag)];
         assert_eq!(left(both, both), ["coulomb_friction", "quadratic_drag"]);
+    }
+
+    /// The first of several names was found where a force without one spoke for all of them, and kept a probability of nothing.
+    #[test]
+    fn a_name_is_weighed_against_a_force_without_one_beside_the_other_names() {
+        let (dry, drag) = ([("friction", 0.03)], [("drag", 0.02)]);
+        let both: Numbers<'_> = &[("coulomb_friction", &dry), ("quadratic_drag", &drag)];
+        asked(both, both, |climb, ascent| {
+            climb.look_again(ascent).unwrap();
+            for choice in &climb.chosen {
+                assert!(choice.gain > choice.nameless, "{}: {} {}", choice.best.effect, choice.gain, choice.nameless);
+            }
+        });
     }
 }

@@ -472,6 +472,13 @@ impl<'a> Search<'a> {
         Ok(all.filter_map(|(j, n)| Some((j, n?))).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
     }
 
+    /// What a force without a name says in the place of a name that says `gain`. It is screened in the errors as they are: so it stands beside the
+    /// name as that does there.
+    pub fn without_name(&self, less: &Fit, with: &Fit, gain: f64, scale: f64) -> Result<f64, GapError> {
+        let own = self.evidence_in_fit(with, scale) - self.evidence_in_fit(less, scale);
+        Ok(self.nameless(less, scale)?.map_or(0.0, |(_, force)| force.evidence + gain - own))
+    }
+
     /// Is a force without a name there, and more than any model is off by?
     pub fn is_a_force(&self, (joint, nameless): &(usize, Nameless)) -> bool {
         nameless.evidence > 2.0 * CONVINCING && nameless.force > MATERIAL * self.typical_force()[*joint]
