@@ -1,6 +1,6 @@
 """Recordings of one joint in which effects are hidden, by a small engine of its own, and how `sagci gap` answers to them.
 
-    python3 tests/peers/one_joint.py OUT [--count 34] [--seed 1] [--effects 1] [--limits] [--outside] [--sagci target/release/sagci]
+    python3 tests/peers/one_joint.py OUT [--first 0] [--count 34] [--seed 1] [--effects 1] [--limits] [--outside] [--sagci target/release/sagci]
 
 Needs nothing but Python. The engine takes steps of 0.1 ms by the semi-implicit Euler rule, and dry friction is the impulse that may
 stop the joint (neither is done so by our simulator or by the engines of `sagci evaluate gap`). It covers what recordings differ by:
@@ -123,7 +123,7 @@ def draw_outside(r, s):
         "oil": {"damping": f * u(0.3, 0.9) / v, "position": a * u(-0.2, 0.2), "width": a * u(0.1, 0.3)},
         # Steps that a ratchet makes one way only.
         "ratchet": {"friction": f * u(0.1, 0.3), "pitch": a * u(0.15, 0.4)},
-        # Two of three commands arrive.
+        # One of so many commands arrives.
         "lost_commands": {"each": r.choice([2, 3, 4])},
         # A current that flows with the joint's angle and its velocity.
         "eddy": {"damping": f * u(0.15, 0.5) / v, "cycles": r.choice([2, 3, 4]) / a},
