@@ -1,4 +1,5 @@
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
@@ -200,6 +201,9 @@ pub enum Evaluate {
         /// Folder for the answers; a run that is answered there is not asked again.
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Begin no run after so many minutes, and print the table of those that are answered; 0 for those of --out alone.
+        #[arg(long, value_parser = minutes)]
+        minutes: Option<Duration>,
         /// How to print the result.
         #[arg(long, value_enum, default_value_t = Format::Text)]
         format: Format,
@@ -265,6 +269,11 @@ pub enum Lengths {
     M,
     /// Millimetres.
     Mm,
+}
+
+fn minutes(text: &str) -> Result<Duration, String> {
+    let value: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.0..=1e5).contains(&value) { Ok(Duration::from_secs_f64(60.0 * value)) } else { Err("must be from 0 to 100000".to_owned()) }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

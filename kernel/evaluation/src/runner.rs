@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use sagci_model::ObjectModel;
 use serde_json::Value;
@@ -74,11 +74,13 @@ pub struct Options {
     pub data: Option<PathBuf>,
     /// The robot's arm; without it the runs with an arm are left out.
     pub arm: Option<ObjectModel>,
+    /// No run is begun later than this after the first. What stands by then is judged: any beginning of a suite is a fair sample of it.
+    pub limit: Option<Duration>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { suite: Suite::Slice, seed: 1, only: String::new(), out: None, sealed: None, data: None, arm: None }
+        Self { suite: Suite::Slice, seed: 1, only: String::new(), out: None, sealed: None, data: None, arm: None, limit: None }
     }
 }
 
@@ -139,9 +141,13 @@ pub fn run(
     };
     // Plain threads, one a core: a worker of a pool that waits for a run would begin another one meanwhile, and all would be open at once.
     let next = AtomicUsize::new(0);
+    let began = Instant::now();
+    let in_time = || options.limit.is_none_or(|limit| began.elapsed() < limit);
     let work = || -> Result<Vec<Judgement>, EvaluationError> {
         let mut judged = Vec::new();
-        while let Some(id) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
+        while in_time()
+            && let Some(id) = open.get(next.fetch_add(1, Ordering::Relaxed))
+        {
             judged.push(ask(id).inspect_err(|_| next.store(open.len(), Ordering::Relaxed))?);
         }
         Ok(judged)

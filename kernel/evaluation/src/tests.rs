@@ -370,6 +370,8 @@ fn a_run_that_was_interrupted_goes_on_where_it_was() {
     };
     let first = run(&options(vec![clean(0)]), &workflow, &|_| {}).unwrap();
     let both = run(&options(vec![clean(0), clean(1)]), &workflow, &|_| {}).unwrap();
+    let no_time = Options { limit: Some(std::time::Duration::ZERO), ..options(vec![clean(0), clean(1), clean(2)]) };
+    assert_eq!(run(&no_time, &workflow, &|_| {}).unwrap().len(), 2);
     assert_eq!((asked.into_inner(), both.len()), (2, 2));
     assert!(both.iter().all(|j| j.exact) && both[0].id == first[0].id);
     let given = folder.path().join("data/clean---1-000");

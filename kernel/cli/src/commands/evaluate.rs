@@ -64,7 +64,7 @@ fn perception(command: &Evaluate) -> Result<bool, CliError> {
 }
 
 fn gap(command: &Evaluate) -> Result<bool, CliError> {
-    let Evaluate::Gap { suite, seed, only, out, format, places } = command else { return Ok(false) };
+    let Evaluate::Gap { suite, seed, only, out, minutes, format, places } = command else { return Ok(false) };
     let other = |e: &dyn std::fmt::Display| CliError::Other(e.to_string());
     // Whatever robot the library holds.
     let robot = |library: &Library| {
@@ -83,6 +83,7 @@ fn gap(command: &Evaluate) -> Result<bool, CliError> {
         sealed: None,
         data: None,
         arm,
+        limit: *minutes,
     };
     // What other ways make of the data is not asked here.
     let plain = sagci_gap::Options { baselines: false, ..Default::default() };
