@@ -121,7 +121,7 @@ impl Climb<'_> {
         Ok(false)
     }
 
-    /// Asks what else may stand in the place of a name. True where another does.
+    /// Asks what else may stand in the place of a name. True where another does, or the same with other numbers.
     fn gives_way(&mut self, at: usize, ascent: &Ascent<'_>) -> Result<bool, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         let Some(less) = self.without(&[at]) else { return Ok(false) };
@@ -152,6 +152,18 @@ impl Climb<'_> {
             self.chosen.remove(at);
             self.chosen.push(choice);
             return Ok(true);
+        }
+        // Where it was chosen its numbers may have stood in for what has a name of its own now, and a fit goes downhill only.
+        if best.effect == name && best.evidence > with + CONVINCING {
+            let settled = search.settle(&best.fit, scale);
+            let more = search.evidence(&settled, scale) - with;
+            if more > CONVINCING && search.is_shaped(&settled) {
+                say(&format!("  other numbers of {name} say more beside the others ({more:+.1})"));
+                self.current = settled;
+                // Its entry is the last now, as with any that is chosen anew.
+                self.chosen[at..].rotate_left(1);
+                return Ok(true);
+            }
         }
         let explained = search.explained(&less, current);
         let nameless = search.without_name(&less, current, with - without, scale)?;
@@ -219,6 +231,7 @@ mod tests {
     use crate::choice::Choice;
     use crate::climb::{Ascent, Climb};
     use crate::fit::Fit;
+    use crate::hypothesis::Hypothesis;
     use crate::search::{Candidate, Search};
     use crate::tests::{door, swing, with};
     use crate::trajectory::Trajectory;
@@ -265,6 +278,25 @@ mod tests {
         let (dry, drag) = ([("friction", 0.03)], [("drag", 0.02)]);
         let both: Numbers<'_> = &[("coulomb_friction", &dry), ("quadratic_drag", &drag)];
         assert_eq!(left(both, both), ["coulomb_friction", "quadratic_drag"]);
+    }
+
+    /// A play was found before a cable's pull was, with half of its width, and kept that.
+    #[test]
+    fn numbers_that_were_found_before_other_names_were_there_are_looked_for_again() {
+        let ripple = |cycles| [("amplitude", 0.02), ("cycles_per_turn", cycles), ("phase", 0.4)];
+        let drag = [("drag", 0.02)];
+        let (there, stuck) = (ripple(9.0), ripple(25.0));
+        let named: Numbers<'_> = &[("torque_ripple", &stuck), ("quadratic_drag", &drag)];
+        asked(&[("torque_ripple", &there), ("quadratic_drag", &drag)], named, |climb, ascent| {
+            let value = |climb: &Climb<'_>| {
+                let Hypothesis { x, .. } = &climb.current.hypothesis;
+                let effects = climb.current.hypothesis.model_at(x).document.effects;
+                effects.iter().find(|e| e.effect == "torque_ripple").unwrap().parameters["cycles_per_turn"]
+            };
+            assert!((value(climb) - 9.0).abs() > 1.0, "the fit is not stuck: {}", value(climb));
+            climb.look_again(ascent).unwrap();
+            assert!((value(climb) - 9.0).abs() < 0.1, "{}", value(climb));
+        });
     }
 
     /// The first of several names was found where a force without one spoke for all of them, and kept a probability of nothing.
