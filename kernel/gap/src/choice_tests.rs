@@ -313,22 +313,28 @@ fn what_data_do_not_tell_of_breaking_away_stays_near_sliding() {
     assert!((found["friction"] / 0.05 - 1.0).abs() < 0.1, "{found:?}");
 }
 
-/// Where a friction of bristles was lost at its own beginnings it is found from where a loop of friction, the winner without it, has ended.
-#[test]
-fn a_lost_neighbour_is_found_where_the_winner_ended() {
+/// Neighbours of a fitted effect on data of a door with another, the most likely first, and the evidence of what was fitted.
+fn beside(truth: &ObjectModel, effect: &'static str, values: &[f64]) -> (f64, Vec<Candidate>) {
     let model = door();
-    let bristles =
-        [("stiffness", 8.0), ("micro_damping", 0.01), ("friction", 0.05), ("static_friction", 0.09), ("stribeck_velocity", 0.05)];
-    let truth = with(&model, "presliding_hysteresis", &bristles);
-    let data = [1, 2].map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap());
+    let data = [1, 2].map(|seed| Trajectory::new(&swing(truth, 1e-4, seed), &model).unwrap());
     let search = Search::new(&model, &data).unwrap();
     let base = search.known(&model, 1.0).unwrap();
     let views = search.views(&base, 1.0).unwrap();
-    let loop_of = base.hypothesis.with("cable_hysteresis", Some("hinge"), &[1e-3, 0.9, 0.05, 0.01, 0.003]).unwrap();
-    let fit = search.fit_on(Fit::start(&search.problem, loop_of).unwrap(), 1.0).unwrap();
+    let begun = base.hypothesis.with(effect, Some("hinge"), values).unwrap();
+    let fit = search.fit_on(Fit::start(&search.problem, begun).unwrap(), 1.0).unwrap();
     let evidence = search.evidence(&fit, 1.0);
-    let mut all = vec![Candidate { effect: "cable_hysteresis", joint: Some(0), fit, evidence }];
+    let mut all = vec![Candidate { effect, joint: Some(0), fit, evidence }];
     search.ask_neighbours(&base, &views, &mut all, 1.0);
+    (evidence, all)
+}
+
+/// Where a friction of bristles was lost at its own beginnings it is found from where a loop of friction, the winner without it, has ended.
+#[test]
+fn a_lost_neighbour_is_found_where_the_winner_ended() {
+    let bristles =
+        [("stiffness", 8.0), ("micro_damping", 0.01), ("friction", 0.05), ("static_friction", 0.09), ("stribeck_velocity", 0.05)];
+    let truth = with(&door(), "presliding_hysteresis", &bristles);
+    let (evidence, all) = beside(&truth, "cable_hysteresis", &[1e-3, 0.9, 0.05, 0.01, 0.003]);
     let names: Vec<&str> = all.iter().map(|c| c.effect).collect();
     assert_eq!(names, ["presliding_hysteresis", "cable_hysteresis"]);
     assert!(all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
@@ -337,18 +343,9 @@ fn a_lost_neighbour_is_found_where_the_winner_ended() {
 /// Of a magnet's two shapes the wrong one was ahead after the first steps, and a detent was named for what it left.
 #[test]
 fn the_other_shape_of_a_name_is_asked_where_the_first_has_ended() {
-    let model = door();
-    let hypothesis = Hypothesis::known(&model, &[0]);
+    let hypothesis = Hypothesis::known(&door(), &[0]);
     let pulls = hypothesis.with("magnetic_gasket", Some("hinge"), &[0.3, 0.1, 1.0]).unwrap();
-    let data = [1, 2].map(|seed| Trajectory::new(&swing(&pulls.model_at(&pulls.x), 1e-4, seed), &model).unwrap());
-    let search = Search::new(&model, &data).unwrap();
-    let base = search.known(&model, 1.0).unwrap();
-    let views = search.views(&base, 1.0).unwrap();
-    let exponential = base.hypothesis.with("magnetic_gasket", Some("hinge"), &[0.3, 0.06, 0.0]).unwrap();
-    let fit = search.fit_on(Fit::start(&search.problem, exponential).unwrap(), 1.0).unwrap();
-    let evidence = search.evidence(&fit, 1.0);
-    let mut all = vec![Candidate { effect: "magnetic_gasket", joint: Some(0), fit, evidence }];
-    search.ask_neighbours(&base, &views, &mut all, 1.0);
+    let (evidence, all) = beside(&pulls.model_at(&pulls.x), "magnetic_gasket", &[0.3, 0.06, 0.0]);
     assert!(all.len() == 1 && all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
     let found = all[0].fit.hypothesis.model_at(&all[0].fit.hypothesis.x).document.effects.pop().unwrap();
     assert_eq!(found.choices["shape"], "inverse_square");

@@ -245,6 +245,8 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
             let on_a_spring = |hz: f64| ("joint_elasticity", vec![inertia * (TAU * hz).powi(2), inertia * TAU * hz, inertia, 0.0]);
             [12.0, 30.0].map(on_a_spring).into()
         }
+        // So is one whose play or spring hardly shows.
+        ("backlash", &[_, inertia, ..]) | ("joint_elasticity", &[_, _, inertia, ..]) => vec![("armature_inertia", vec![inertia])],
         // A loop of force F and length l rises by F / l where it begins.
         ("cable_hysteresis", &[_, _, force, length, damping]) => {
             let begun = |velocity: f64| ("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, velocity]);

@@ -344,6 +344,14 @@ fn a_rotor_on_a_stiff_spring_begins_where_its_inertia_alone_ends() {
     assert!(!begun.is_empty() && begun.iter().all(|(name, v)| *name == "joint_elasticity" && v[2] == 0.0009), "{begun:?}");
 }
 
+/// A rotor was called a play of a ten-thousandth: on two joints a dozen others came before it, and nobody asked for it.
+#[test]
+fn a_rotor_is_asked_as_one_whose_play_or_spring_hardly_shows() {
+    let rotor = [("armature_inertia", vec![0.0009])];
+    assert_eq!(neighbours("backlash", &[1e-4, 0.0009, 0.0], &view()), rotor);
+    assert_eq!(neighbours("joint_elasticity", &[80.0, 0.1, 0.0009, 0.0], &view()), rotor);
+}
+
 /// A drive presses its joint into a stop and waits there: what its speed would let it sink says nothing of how stiff the stop is.
 #[test]
 fn a_stop_that_a_drive_presses_into_is_begun_where_its_force_is() {
