@@ -1,6 +1,8 @@
 //! A part of the data, by which a search begins: starts are compared and first steps taken over stretches of it. What is named is fitted and
 //! judged over all of it.
 
+use std::collections::BTreeSet;
+
 use nalgebra::DVector;
 
 use crate::GapError;
@@ -16,8 +18,12 @@ const ENOUGH_OF_FEW: usize = 4_500;
 const ENOUGH_FOR_NOISE: usize = 2_500;
 /// Scale of the errors from which on no fewer of them are looked at.
 const LARGE: f64 = 2.0;
+/// By whose multiples stretches are chosen.
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Length of a stretch, s: much longer than the filter remembers.
 const STRETCH: f64 = 1.0;
+/// Share of the way that a joint goes in such a part of the data on the mean, that this part shows at least.
+const SEEN_MOVING: f64 = 0.5;
 
 /// Of how many stretches one holds enough errors, where there are so many in all.
 fn every(errors: usize, enough: usize) -> usize {
@@ -27,7 +33,62 @@ fn every(errors: usize, enough: usize) -> usize {
 /// Stretches that tell enough of the noise; none where that takes all of the data.
 pub(crate) fn stretches(trajectories: &[Trajectory]) -> Option<Vec<Trajectory>> {
     let every = every(trajectories.iter().map(|t| t.position.len()).sum(), ENOUGH_FOR_NOISE);
-    (every > 1).then(|| trajectories.iter().map(|t| t.thinned(STRETCH, every).0).collect())
+    (every > 1).then(|| trajectories.iter().map(|t| thinned(t, STRETCH, |stretch| comes_up(stretch, every)).0).collect())
+}
+
+/// Is a stretch one of so many? They follow one another like multiples of the golden ratio (Weyl 1916), so that no motion with a period shows
+/// them one side alone.
+pub(crate) fn comes_up(stretch: usize, every: usize) -> bool {
+    (stretch as f64 * GOLDEN_RATIO).fract() * (every as f64) < 1.0
+}
+
+/// Some stretches of so many seconds of a trajectory, and the rows of which they are made.
+pub(crate) fn thinned(trajectory: &Trajectory, seconds: f64, is_kept: impl Fn(usize) -> bool) -> (Trajectory, Vec<usize>) {
+    let stretches = trajectory.stretches(seconds);
+    let rows: Vec<usize> = (0..trajectory.rows()).filter(|k| is_kept(stretches[*k])).collect();
+    (trajectory.of_rows(&rows), rows)
+}
+
+/// One of so many stretches of each trajectory, and more where these show a joint move much less than their share: what moves seldom is seen
+/// when it does.
+fn chosen(trajectories: &[Trajectory], every: usize) -> Vec<BTreeSet<usize>> {
+    let of_each = |t: &Trajectory| (0..count(t)).filter(|s| comes_up(*s, every)).collect();
+    let mut kept: Vec<BTreeSet<usize>> = trajectories.iter().map(of_each).collect();
+    let all: usize = trajectories.iter().map(count).sum();
+    let share = kept.iter().map(BTreeSet::len).sum::<usize>() as f64 / all.max(1) as f64;
+    for joint in 0..trajectories.first().map_or(0, |t| t.joints) {
+        let mut ways = ways(trajectories, joint);
+        let asked = SEEN_MOVING * share * ways.iter().map(|w| w.0).sum::<f64>();
+        ways.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut seen: f64 = ways.iter().filter(|(_, of, stretch)| kept[*of].contains(stretch)).map(|w| w.0).sum();
+        for (way, of, stretch) in ways {
+            if seen >= asked {
+                break;
+            }
+            if kept[of].insert(stretch) {
+                seen += way;
+            }
+        }
+    }
+    kept
+}
+
+fn count(trajectory: &Trajectory) -> usize {
+    trajectory.stretches(STRETCH).last().map_or(0, |last| last + 1)
+}
+
+/// How far a joint goes in each stretch, rad or m, of which trajectory, and which stretch of that it is.
+fn ways(trajectories: &[Trajectory], joint: usize) -> Vec<(f64, usize, usize)> {
+    let mut ways = Vec::new();
+    for (of, trajectory) in trajectories.iter().enumerate() {
+        let mut extent = vec![[f64::MAX, f64::MIN]; count(trajectory)];
+        for (stretch, q) in trajectory.stretches(STRETCH).into_iter().zip(trajectory.positions(joint)).filter(|(_, q)| q.is_finite()) {
+            let [low, high] = extent[stretch];
+            extent[stretch] = [low.min(q), high.max(q)];
+        }
+        ways.extend(extent.iter().enumerate().map(|(stretch, [low, high])| ((high - low).max(0.0), of, stretch)));
+    }
+    ways
 }
 
 /// Stretches of all trajectories, and which entries of the whole errors they are, `None` where one is not counted.
@@ -48,9 +109,9 @@ impl Search<'_> {
         let mut part = Part { trajectories: Vec::new(), entries: Vec::new() };
         let (mut before, mut efforts) = (0, Vec::new());
         let behind = self.problem.entries();
-        for trajectory in self.problem.trajectories {
+        for (trajectory, kept) in self.problem.trajectories.iter().zip(chosen(self.problem.trajectories, every)) {
             let n = trajectory.joints;
-            let (thinned, rows) = trajectory.thinned(STRETCH, every);
+            let (thinned, rows) = thinned(trajectory, STRETCH, |stretch| kept.contains(&stretch));
             let entries = rows.iter().flat_map(|k| (k * n..(k + 1) * n).map(|i| before + i));
             efforts.extend(entries.clone().zip(&thinned.effort).map(|(i, u)| u.is_finite().then_some(behind + i)));
             part.entries.extend(entries.zip(&thinned.counted).map(|(i, counted)| counted.then_some(i)));
@@ -112,5 +173,30 @@ impl Part {
             |column: &DVector<f64>| DVector::from_iterator(self.entries.len(), self.entries.iter().map(|i| i.map_or(0.0, |i| column[i])));
         let jacobian = fit.jacobian.iter().map(pick).collect();
         Ok(Fit { jacobian, ..Fit::start(&light.problem, fit.hypothesis.clone())? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::chosen;
+    use crate::trajectory::{Drive, Trajectory};
+
+    /// A wrist that friction holds turned twice in forty seconds, and a late command of its drive was looked for where it stood.
+    #[test]
+    fn a_joint_that_moves_seldom_is_seen_when_it_does() {
+        let rests = |from: usize, to: usize| {
+            let mut trajectory = Trajectory::steady(2000, 0.01, &[0.0, 0.0], vec![Drive::Given; 2]);
+            for k in 0..2000 {
+                trajectory.position[2 * k] = (0.05 * k as f64).sin();
+                trajectory.position[2 * k + 1] = if (from..to).contains(&k) { 0.4 } else { 0.0 };
+            }
+            trajectory
+        };
+        let usual: usize = chosen(&[rests(0, 0), rests(0, 0)], 4).iter().map(|kept| kept.len()).sum();
+        for from in (100..1900).step_by(100) {
+            let kept = chosen(&[rests(from + 30, from + 60), rests(0, 0)], 4);
+            assert!(kept[0].contains(&(from / 100)), "{kept:?} for {from}");
+            assert!(kept[0].len() + kept[1].len() <= usual + 1, "{kept:?} are too many");
+        }
     }
 }

@@ -14,6 +14,7 @@ use crate::fit::{Derivatives, Effort, Fit};
 use crate::hypothesis::Hypothesis;
 use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise};
+use crate::part::{comes_up, thinned};
 use crate::plant::Plant;
 use crate::report::{Gap, JointGap, Verdict};
 use crate::response::Response;
@@ -167,7 +168,7 @@ fn the_linear_response_of_a_servo_agrees_with_the_simulator() {
 fn stretches_of_the_data_are_predicted_as_within_the_whole() {
     let model = door();
     let whole = [Trajectory::new(&swing(&model, 2e-4, 1), &model).unwrap()];
-    let (part, rows) = whole[0].thinned(2.0, 2);
+    let (part, rows) = thinned(&whole[0], 2.0, |stretch| comes_up(stretch, 2));
     let part = [part];
     let search = Search::new(&model, &whole).unwrap();
     let wrong = Hypothesis::known(&model, &search.joints).with("torque_bias", Some("hinge"), &[0.05]).unwrap();
@@ -202,7 +203,7 @@ fn what_suits_a_part_is_not_carried_over_where_it_suits_nothing() {
 fn stretches_show_every_phase_of_a_motion_with_a_period() {
     let whole = Trajectory::steady(6000, 0.02, &[0.0], vec![Drive::Given]);
     for every in 2..=5 {
-        let (_, rows) = whole.thinned(1.0, every);
+        let (_, rows) = thinned(&whole, 1.0, |stretch| comes_up(stretch, every));
         let share = rows.len() as f64 * every as f64 / whole.rows() as f64;
         assert!((share - 1.0).abs() < 0.1, "one of {every}: {share}");
         for period in 2..=6 {

@@ -18,8 +18,6 @@ const FAST: f64 = 0.004;
 /// A trajectory is cut where nothing was measured for so many of its usual sample times, and for so long (s).
 pub(crate) const CUT: (f64, f64) = (10.0, 0.1);
 
-/// By whose multiples stretches are chosen.
-const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// Rows and time (s) after a start that are not counted. What acts then was put in before anything was recorded, if it is on its way for
 /// some time.
 const BURN_IN: (usize, f64) = (10, 0.05);
@@ -323,13 +321,9 @@ impl Trajectory {
         self.time.len()
     }
 
-    /// One stretch of so many seconds of so many, and the rows of which it is made. They follow one another like multiples of the golden ratio
-    /// (Weyl 1916), so that no motion with a period shows them one side alone.
-    pub fn thinned(&self, stretch: f64, every: usize) -> (Self, Vec<usize>) {
-        let turn = |k: &usize| ((self.time[*k] - self.time[0]) / stretch).floor() * GOLDEN_RATIO;
-        let kept = |k: &usize| turn(k).fract() * (every as f64) < 1.0;
-        let rows: Vec<usize> = (0..self.rows()).filter(kept).collect();
-        (self.of_rows(&rows), rows)
+    /// Of which stretch of so many seconds each row is.
+    pub fn stretches(&self, seconds: f64) -> Vec<usize> {
+        self.time.iter().map(|t| ((t - self.time[0]) / seconds).floor() as usize).collect()
     }
 
     /// Some of its rows, in their order: where others are left out it starts anew.
