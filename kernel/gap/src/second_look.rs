@@ -127,7 +127,7 @@ impl Climb<'_> {
         let Some(less) = self.without(&[at]) else { return Ok(false) };
         let (search, current, scale) = (&self.search, &self.current, self.scale);
         let (with, without) = (search.evidence(current, scale), search.evidence(&less, scale));
-        let name = self.chosen[at].best.effect;
+        let Candidate { effect: name, joint, .. } = self.chosen[at].best;
         let mut candidates = search.stage(&less, scale)?;
         if less.squares > FAR_OFF * current.squares {
             search.settle_rivals(&mut candidates, name, without, scale);
@@ -154,7 +154,7 @@ impl Climb<'_> {
             return Ok(true);
         }
         // Where it was chosen its numbers may have stood in for what has a name of its own now, and a fit goes downhill only.
-        if best.effect == name && best.evidence > with + CONVINCING {
+        if (best.effect, best.joint) == (name, joint) && best.evidence > with + CONVINCING {
             let settled = search.settle(&best.fit, scale);
             let more = search.evidence(&settled, scale) - with;
             if more > CONVINCING && search.is_shaped(&settled) {
