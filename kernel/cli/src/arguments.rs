@@ -195,7 +195,7 @@ pub enum Evaluate {
         /// Everything is drawn from it.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Only runs whose name begins so, such as `single/joint_spring`.
+        /// Only runs whose name begins so, such as `single/joint_spring`; a `*` stands for any part, as in `single/*/3`.
         #[arg(long, default_value = "")]
         only: String,
         /// Folder for the answers; a run that is answered there is not asked again.

@@ -7,7 +7,8 @@
 //! - a *plant* moves: rapier's multibody, or a Runge-Kutta integrator that stops where dry friction takes hold. Effects act by
 //!   formulas of this crate, written from the table of names and parameters;
 //! - an *oracle* says whether the effect is visible in these data at all ([`Detectability`]);
-//! - the *runner* asks the workflow, blindly, many times ([`run`]);
+//! - the *runner* asks the workflow, blindly, many times ([`run`]), and where it cannot tell names apart does the experiment that it proposes
+//!   on the true mechanism ([`Bench`]) and asks again;
 //! - the *score* ([`judge`], [`table`]).
 //!
 //! Beside it, unseen furniture is looked at and to be modelled ([`judge_perception`]).
@@ -31,8 +32,8 @@ pub use error::EvaluationError;
 pub use oracle::{Detectability, VISIBLE};
 pub use perception::{AnsweredJoint, Case, CloudAnswer, PerceptionOptions, PerceptionRow, PerceptionTable, case, judge_perception};
 pub use runner::{Options, Suite, run};
-pub use scenario::{Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw};
-pub use score::{Gap, Judgement, Row, Table, judge, table};
+pub use scenario::{Bench, Given, Hidden, RunId, RunKind, Scenario, SealedTruth, draw};
+pub use score::{Gap, Judgement, Row, Table, Trial, judge, table};
 
 #[cfg(test)]
 mod tests;

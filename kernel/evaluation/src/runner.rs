@@ -12,8 +12,8 @@ use serde_json::Value;
 
 use crate::EvaluationError;
 use crate::effect::{CATALOGUE, OUTSIDE};
-use crate::scenario::{Given, RunId, RunKind, draw};
-use crate::score::{Judgement, judge};
+use crate::scenario::{Given, RunId, RunKind, Scenario, draw};
+use crate::score::{Judgement, Named, Trial, judge};
 
 /// Which runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,7 +64,7 @@ pub struct Options {
     pub suite: Suite,
     /// Everything is drawn from it.
     pub seed: u64,
-    /// Only runs whose name begins so; empty for all.
+    /// Only runs whose name begins so; empty for all. A `*` stands for any part between two strokes, as in `single/*/3`.
     pub only: String,
     /// A folder for `results.jsonl`: a run that stands there is not asked again.
     pub out: Option<PathBuf>,
@@ -103,7 +103,7 @@ pub fn run(
         None => Vec::new(),
     };
     let mut wanted = options.suite.runs();
-    wanted.retain(|id| id.to_string().starts_with(&options.only) && (id.kind != RunKind::Arm || options.arm.is_some()));
+    wanted.retain(|id| begins(&id.to_string(), &options.only) && (id.kind != RunKind::Arm || options.arm.is_some()));
     let asked: BTreeSet<&RunId> = wanted.iter().collect();
     done.retain(|j| asked.contains(&j.id));
     let known: BTreeSet<RunId> = done.iter().map(|j| j.id.clone()).collect();
@@ -128,7 +128,12 @@ pub fn run(
         }
         let began = Instant::now();
         let answer = workflow(&scenario.given);
-        let judgement = judge(&scenario.truth, &answer, began.elapsed().as_secs_f64());
+        let mut judgement = judge(&scenario.truth, &answer, began.elapsed().as_secs_f64());
+        if let Ok(answer) = &answer
+            && asks(&judgement)
+        {
+            judgement.trial = Some(try_out(&scenario, answer, workflow)?);
+        }
         if let (Some(file), Some(path)) = (&file, &results) {
             let mut line = serde_json::to_string(&judgement).unwrap_or_default();
             line.push('\n');
@@ -165,9 +170,64 @@ pub fn run(
     Ok(done)
 }
 
+/// Experiments that are done for one answer.
+const EXPERIMENTS: usize = 2;
+
+/// Has an answer to settle between names of which one is true? Of an arm experiments would take as long as all else.
+fn asks(judgement: &Judgement) -> bool {
+    judgement.verdict == "ambiguous" && judgement.in_sets && !judgement.exact && judgement.id.kind != RunKind::Arm
+}
+
+/// Does what an answer asks for on the true mechanism, and asks again with what that recorded.
+fn try_out(
+    scenario: &Scenario,
+    first: &Value,
+    workflow: &(dyn Fn(&Given) -> Result<Value, String> + Sync),
+) -> Result<Trial, EvaluationError> {
+    let mut given = scenario.given.clone();
+    let mut trial = Trial::default();
+    let mut answer = first.clone();
+    while trial.done < EXPERIMENTS && !trial.settled {
+        let next = &answer["next_experiment"];
+        let Some(name) = next["name"].as_str() else { break };
+        trial.asked.push(name.to_owned());
+        let recorded = match scenario.bench.perform(next, trial.done + 1) {
+            // One that cannot be done settles nothing.
+            Err(EvaluationError::Diverged { .. }) => None,
+            recorded => recorded?,
+        };
+        let Some(log) = recorded else { break };
+        given.train.push(log);
+        trial.done += 1;
+        let again = workflow(&given);
+        let judged = judge(&scenario.truth, &again, 0.0);
+        (trial.named, trial.settled) = (judged.named, judged.exact);
+        let Ok(again) = again else { break };
+        answer = again;
+    }
+    Ok(trial)
+}
+
+/// Does a run's name begin so? A `*` stands for any part of it.
+fn begins(name: &str, so: &str) -> bool {
+    let (mut parts, mut asked) = (name.split('/'), so.split('/').peekable());
+    while let Some(asks) = asked.next() {
+        let Some(part) = parts.next() else { return false };
+        let same = if asked.peek().is_none() { part.starts_with(asks) } else { part == asks };
+        if !same && asks != "*" {
+            return false;
+        }
+    }
+    true
+}
+
+fn names_of(named: &[Named]) -> String {
+    let sets: Vec<String> = named.iter().map(|n| [&[n.name.clone()][..], &n.alternatives].concat().join("|")).collect();
+    sets.join(" + ")
+}
+
 fn line_of(number: usize, total: usize, j: &Judgement) -> String {
-    let said: Vec<String> = j.named.iter().map(|n| [&[n.name.clone()][..], &n.alternatives].concat().join("|")).collect();
-    let said = if said.is_empty() { j.verdict.clone() } else { said.join(" + ") };
+    let said = if j.named.is_empty() { j.verdict.clone() } else { names_of(&j.named) };
     let mark = match (&j.failure, j.id.kind) {
         (Some(_), _) => "failed",
         (_, RunKind::Outside) if j.verdict == "unknown" && j.named.is_empty() => "right",
@@ -178,8 +238,13 @@ fn line_of(number: usize, total: usize, j: &Judgement) -> String {
         _ => "WRONG",
     };
     let said = j.failure.as_ref().map_or(said, Clone::clone);
+    let then = j.trial.as_ref().map_or_else(String::new, |t| {
+        let said = if t.named.is_empty() { "nothing".to_owned() } else { names_of(&t.named) };
+        let end = if t.done == 0 { "no motion" } else { &said };
+        format!("; after {}: {end}", if t.asked.is_empty() { "no experiment".to_owned() } else { t.asked.join(", ") })
+    });
     format!(
-        "[{number}/{total}] {:<44} {:<26} {mark}: {said} (hidden: {}; snr {:.0}; {:.1} s)",
+        "[{number}/{total}] {:<44} {:<26} {mark}: {said} (hidden: {}; snr {:.0}; {:.1} s){then}",
         j.id.to_string(),
         j.plant,
         if j.hidden.is_empty() { "nothing".to_owned() } else { j.hidden.join(" + ") },
@@ -221,4 +286,27 @@ fn remembered(path: &Path, seed: u64) -> Result<Vec<Judgement>, EvaluationError>
         }
     }
     Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::begins;
+
+    #[test]
+    fn a_star_stands_for_any_one_part_and_what_is_last_may_be_cut_short() {
+        for (so, does) in [
+            ("", true),
+            ("sing", true),
+            ("single/joint", true),
+            ("single/joint_spring/3", true),
+            ("single/*/3", true),
+            ("*/*/*/00", true),
+            ("single/joint/3", false),
+            ("single/*/1", false),
+            ("clean", false),
+            ("*/*/*/*/*", false),
+        ] {
+            assert_eq!(begins("single/joint_spring/3/004", so), does, "{so}");
+        }
+    }
 }

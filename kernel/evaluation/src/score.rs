@@ -64,6 +64,19 @@ impl Named {
     }
 }
 
+/// What came of the experiments that an answer asked for.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Trial {
+    /// Their names, in the order in which they were asked for; the last may be one that is no motion.
+    pub asked: Vec<String>,
+    /// How many were done.
+    pub done: usize,
+    /// What was named in the end.
+    pub named: Vec<Named>,
+    /// That is nothing but the truth, and the whole of it.
+    pub settled: bool,
+}
+
 /// One answer, judged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Judgement {
@@ -101,6 +114,9 @@ pub struct Judgement {
     pub place_right: Option<bool>,
     /// True parameters inside their intervals, and intervals.
     pub covered: [usize; 2],
+    /// Where the truth was among names that the data could not tell apart: what experiments made of it.
+    #[serde(default)]
+    pub trial: Option<Trial>,
     /// Held-out gap.
     pub gap: Gap,
     /// What the workflow says that it took, s.
@@ -197,6 +213,7 @@ pub fn judge(truth: &SealedTruth, answer: &Result<Value, String>, wall: f64) -> 
         channel_right: (!channels_right.is_empty()).then(|| channels_right.iter().all(|x| *x)),
         place_right,
         covered,
+        trial: None,
         gap: Gap {
             before: number(&held["before"]),
             refitted: number(&held["refitted"]),
@@ -447,6 +464,18 @@ pub fn table(all: &[Judgement]) -> Table {
     let unknown = |j: &Judgement| j.verdict == "unknown" && j.named.is_empty() && j.place_right == Some(true);
     t.rate("outside the catalogue: unknown, with its place", &clear, unknown, Must::AtLeast(0.9), ">= 0.90");
     t.rate("outside the catalogue: wrongly named", &outside, |j| !j.named.is_empty(), Must::AtMost(0.05), "<= 0.05");
+    let tried: Vec<(&Trial, &Judgement)> = all.iter().filter_map(|j| Some((j.trial.as_ref()?, j))).collect();
+    let moved: Vec<&Judgement> = tried.iter().filter(|(trial, _)| trial.done > 0).map(|(_, j)| *j).collect();
+    let tried: Vec<&Judgement> = tried.into_iter().map(|(_, j)| j).collect();
+    let settled = |j: &Judgement| j.trial.as_ref().is_some_and(|trial| trial.settled);
+    t.rate(
+        "several names, the truth among them: a motion is proposed",
+        &tried,
+        |j| j.trial.as_ref().is_some_and(|t| t.done > 0),
+        Must::Nothing,
+        "",
+    );
+    t.rate("such a set, settled by the motion proposed, in two at most", &moved, settled, Must::AtLeast(0.9), ">= 0.90");
     let seen: Vec<&Judgement> = arm.iter().copied().filter(|j| j.visible.iter().all(|x| *x)).collect();
     let place = |j: &Judgement| j.joint_right == Some(true) && j.channel_right == Some(true);
     t.rate("the right joint and channel on an arm", &seen, place, Must::AtLeast(0.97), ">= 0.97");

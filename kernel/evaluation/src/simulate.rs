@@ -21,6 +21,17 @@ pub(crate) struct Run {
     pub v: Vec<Vec<f64>>,
 }
 
+impl Run {
+    /// Forgets what came after so many ticks.
+    pub fn truncate(&mut self, rows: usize) {
+        self.time.truncate(rows);
+        self.hold.truncate(rows);
+        for all in [&mut self.position, &mut self.velocity, &mut self.delivered, &mut self.q, &mut self.v] {
+            all.truncate(rows);
+        }
+    }
+}
+
 /// Where the inputs come from: `(tick, time, q, v) -> input of each joint`.
 pub(crate) type Input<'a> = dyn FnMut(usize, f64, &[f64], &[f64]) -> Vec<Hold> + 'a;
 

@@ -378,6 +378,57 @@ fn a_run_that_was_interrupted_goes_on_where_it_was() {
     assert!(ObjectModel::read(&given).is_ok() && given.join("train_1.csv").exists());
 }
 
+/// What a workflow says that cannot tell two frictions apart, and asks for a sweep.
+fn undecided(joint: &str, kind: &str) -> serde_json::Value {
+    json!({
+        "verdict": "ambiguous",
+        "effects": [{ "name": "viscous_friction", "alternatives": ["coulomb_friction"], "joint": joint, "channel": "joint" }],
+        "next_experiment": { "name": kind, "joint": joint, "reference": { "kind": kind, "low": 0.3, "high": 0.6, "speed": 0.1 } }
+    })
+}
+
+#[test]
+fn an_experiment_that_is_asked_for_is_done_and_its_recording_is_handed_over() {
+    let id = RunId { kind: RunKind::Single, effect: "coulomb_friction".into(), level: 1, number: 1 };
+    let scenario = draw(&id, 1, None).unwrap();
+    let (joint, first) = (scenario.truth.joints[0].as_str(), scenario.given.train.len());
+    let workflow = |given: &Given| {
+        let Some(swept) = given.train.get(first) else { return Ok(undecided(joint, "quasi_static_sweep")) };
+        let position = &swept.joints[0].position;
+        let [low, high] = position.value.iter().fold([f64::MAX, f64::MIN], |m, q| [m[0].min(*q), m[1].max(*q)]);
+        assert!(position.time[0] == 0.0 && !swept.continues, "a session of its own");
+        assert!((low - 0.3).abs() < 0.05 && (high - 0.6).abs() < 0.05, "{low} {high}");
+        Ok(truth_of("coulomb_friction", &scenario))
+    };
+    let options = Options { suite: Suite::These(vec![id.clone()]), ..Options::default() };
+    let all = run(&options, &workflow, &|_| {}).unwrap();
+    let trial = all[0].trial.as_ref().unwrap();
+    assert!(trial.settled && trial.done == 1 && trial.asked == ["quasi_static_sweep"], "{trial:?}");
+    assert!(!all[0].exact, "what was said first is what was said");
+
+    let never = run(&options, &|_| Ok(undecided(joint, "change_payload")), &|_| {}).unwrap();
+    let never = never[0].trial.as_ref().unwrap();
+    assert!(never.done == 0 && !never.settled && never.asked == ["change_payload"], "{never:?}");
+    let twice = run(&options, &|_| Ok(undecided(joint, "quasi_static_sweep")), &|_| {}).unwrap();
+    assert_eq!(twice[0].trial.as_ref().unwrap().done, 2);
+}
+
+#[test]
+fn an_experiment_ends_where_a_limit_is_near() {
+    let id = RunId { kind: RunKind::Single, effect: "coulomb_friction".into(), level: 1, number: 1 };
+    let scenario = draw(&id, 1, None).unwrap();
+    let joint = scenario.given.model.moving_joints().next().unwrap();
+    let limits = scenario.given.model.joints[joint].limits;
+    let asked = |high: f64| json!({ "joint": scenario.truth.joints[0], "reference": { "kind": "quasi_static_sweep", "low": 0.3, "high": high, "speed": 0.5 } });
+    let beyond = scenario.bench.perform(&asked(limits.upper + 0.5), 1).unwrap().unwrap();
+    let within = scenario.bench.perform(&asked(limits.upper - 0.3), 1).unwrap().unwrap();
+    let highest = |log: &sagci_recording::Log| log.joints[0].position.value.iter().fold(f64::MIN, |m, q| m.max(*q));
+    assert!(highest(&beyond) < limits.upper && highest(&beyond) > limits.upper - 0.1, "{} {}", highest(&beyond), limits.upper);
+    assert!((highest(&within) - limits.upper + 0.3).abs() < 0.05);
+    let last = within.joints[0].position.value.last().unwrap();
+    assert!((last - 0.3).abs() < 0.1, "{last}: it comes back");
+}
+
 /// Columns of a CSV file.
 fn columns(text: &str) -> Vec<Vec<f64>> {
     let rows: Vec<Vec<f64>> = text.lines().skip(1).map(|l| l.split(',').map(|c| c.parse().unwrap()).collect()).collect();

@@ -151,8 +151,14 @@ pub(crate) fn menu(room: &Room) -> Vec<Planned> {
         let (amplitude, phase) = (amplitude.min(speed / w), TAU * first * ((rate * t).exp() - 1.0) / rate);
         [middle + amplitude * phase.sin(), amplitude * w * phase.cos()]
     };
-    let numbers =
-        [("middle", middle), ("amplitude", amplitude), ("first_frequency", first), ("last_frequency", last), ("seconds", seconds)];
+    let numbers = [
+        ("middle", middle),
+        ("amplitude", amplitude),
+        ("first_frequency", first),
+        ("last_frequency", last),
+        ("seconds", seconds),
+        ("speed", speed),
+    ];
     push("chirp", &numbers, start(middle).along(seconds, &chirp));
 
     let (up, down) = (middle + 0.2 * span, middle - 0.2 * span);
@@ -160,8 +166,9 @@ pub(crate) fn menu(room: &Room) -> Vec<Planned> {
     push("steps", &[("low", down), ("high", up), ("dwell", 1.2)], stairs(start(middle)));
 
     let shut = f64::clamp(0.0, low, high).min(seen[1]);
-    let open = |drawn: Drawn, dwell: f64| drawn.hold(dwell).go(shut + 0.4 * (high - shut), 0.5 * speed).go(shut, 0.5 * speed);
-    let numbers = [("position", shut), ("first_dwell", 1.0), ("second_dwell", 10.0), ("speed", 0.5 * speed)];
+    let ajar = shut + 0.4 * (high - shut);
+    let open = |drawn: Drawn, dwell: f64| drawn.hold(dwell).go(ajar, 0.5 * speed).go(shut, 0.5 * speed);
+    let numbers = [("position", shut), ("open", ajar), ("first_dwell", 1.0), ("second_dwell", 10.0), ("speed", 0.5 * speed)];
     push("dwell_then_open", &numbers, open(open(start(shut), 1.0), 10.0));
 
     let numbers = [("low", down), ("high", up), ("dwell", 1.2), ("first_gain", 0.5), ("second_gain", 2.0)];

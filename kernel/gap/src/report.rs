@@ -189,8 +189,20 @@ pub struct Experiment {
 
 impl Experiment {
     /// Names of the numbers that are positions of the joint, or lengths along its way.
-    pub const POSITIONS: [&str; 11] =
-        ["low", "high", "slow_low", "slow_high", "middle", "amplitude", "first_amplitude", "last_amplitude", "position", "first", "second"];
+    pub const POSITIONS: [&str; 12] = [
+        "low",
+        "high",
+        "slow_low",
+        "slow_high",
+        "middle",
+        "amplitude",
+        "first_amplitude",
+        "last_amplitude",
+        "position",
+        "open",
+        "first",
+        "second",
+    ];
 
     /// Writes the command that goes on once it is recorded beside the data that there are, with the other options of the command that found
     /// it, for a shell.

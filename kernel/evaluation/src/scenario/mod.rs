@@ -1,5 +1,7 @@
 //! Runs drawn from a seed: a mechanism, its model, what is hidden in it, how it is moved, and what the sensors make of that.
 
+mod asked;
+mod bench;
 mod excitation;
 mod priors;
 mod stage;
@@ -7,15 +9,17 @@ mod stage;
 use std::collections::BTreeMap;
 
 use sagci_model::{EffectEntry, JointKind, ObjectModel};
-use sagci_recording::{CommandKind, JointLog, Log, Series};
+use sagci_recording::Log;
 use serde::{Deserialize, Serialize};
 
 use crate::EvaluationError;
-use crate::effect::{CATALOGUE, Circumstances, Hold, OUTSIDE, indistinguishable};
+use crate::effect::{CATALOGUE, Circumstances, OUTSIDE, indistinguishable};
 use crate::oracle::{self, Detectability};
-use crate::plant::{Mechanism, Plant, Rapier, Rigid, RungeKutta};
+use crate::plant::{Mechanism, Plant, Rigid, RungeKutta};
 use crate::random::{Random, number_of};
-use crate::simulate::{Run, simulate};
+use crate::simulate::Run;
+pub use bench::Bench;
+use bench::{Engine, Hand, Leads, Sensors, position_noise};
 use excitation::{Family, Reference};
 use priors::Scale;
 pub(crate) use stage::Driving;
@@ -132,6 +136,8 @@ pub struct Scenario {
     pub given: Given,
     /// For the judge.
     pub truth: SealedTruth,
+    /// For experiments that the workflow asks for.
+    pub bench: Bench,
 }
 
 /// Position noise, rad or m, and effort noise as a share of its range, by level.
@@ -160,6 +166,13 @@ struct Plan {
     family: Family,
     references: Vec<Reference>,
     time: Vec<f64>,
+}
+
+impl Plan {
+    fn carried_out(&self, plant: &mut dyn Plant, hand: &Hand<'_>) -> Result<Run, EvaluationError> {
+        let leads: Vec<&dyn Leads> = self.references.iter().map(|r| r as &dyn Leads).collect();
+        hand.lead(plant, &self.time, &leads)
+    }
 }
 
 fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random) -> Result<Option<Scenario>, EvaluationError> {
@@ -256,12 +269,13 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
     let held: Vec<Plan> = (0..2).map(|_| plan(held_family, 6.0, &mut start_of, &mut rng)).collect();
 
     // What the mechanism does without the effect, and an effect of a size to match.
-    let known_gravity = Rigid::new(&stage.known)?;
+    let known = Rigid::new(&stage.known)?;
+    let hand = Hand { driving: stage.driving, known: &known, most: None };
     let mut bare = RungeKutta::new(Mechanism::new(&stage.body, &[])?, if kind == Kind::Arm { 4e-3 } else { 1e-3 })?;
     let mut scales = Vec::new();
     {
-        let runs: Vec<Run> = train.iter().map(|p| drive(&mut bare, p, &stage, &known_gravity)).collect::<Result<_, _>>()?;
-        let mass = known_gravity.at(&vec![0.0; n], &vec![0.0; n]).0;
+        let runs: Vec<Run> = train.iter().map(|p| p.carried_out(&mut bare, &hand)).collect::<Result<_, _>>()?;
+        let mass = known.at(&vec![0.0; n], &vec![0.0; n]).0;
         for j in 0..n {
             let root = |x: &dyn Fn(&Run, usize) -> f64| {
                 let all: Vec<f64> = runs.iter().flat_map(|r| (0..r.time.len()).map(move |k| (r, k))).map(|(r, k)| x(r, k)).collect();
@@ -336,13 +350,11 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         (_, true) => rng.between(2.5e-4, 5e-4),
         (_, false) => rng.between(2e-4, 5e-4),
     };
-    let mut plant: Box<dyn Plant> = if by_rapier {
-        Box::new(Rapier::new(make(&inside_catalogue)?, step)?)
-    } else {
-        Box::new(RungeKutta::new(make(&inside_catalogue)?, step)?)
-    };
+    let engine = Engine { by_rapier, step };
+    let mechanism = make(&inside_catalogue)?;
+    let mut plant = engine.plant(mechanism.clone())?;
     let run_all = |plans: &[Plan], plant: &mut dyn Plant| -> Result<Vec<Run>, EvaluationError> {
-        plans.iter().map(|p| drive(plant, p, &stage, &known_gravity)).collect()
+        plans.iter().map(|p| p.carried_out(plant, &hand)).collect()
     };
     let train_runs = run_all(&train, plant.as_mut())?;
     let held_runs = run_all(&held, plant.as_mut())?;
@@ -356,33 +368,31 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
 
     // What the sensors make of it.
     let ranges: Vec<f64> = (0..n).map(|j| extent(&train_runs, j)).map(|(low, high)| high - low).collect();
-    let position_noise: Vec<f64> =
-        moving.iter().map(|&j| NOISE[level][0] * if stage.known.joints[j].kind == JointKind::Prismatic { 0.4 } else { 1.0 }).collect();
+    let position_noise = position_noise(&stage, NOISE[level][0]);
     let effort_noise: Vec<f64> = (0..n)
         .map(|j| {
             let most = train_runs.iter().flat_map(|r| &r.delivered).fold([f64::MAX, f64::MIN], |m, u| [m[0].min(u[j]), m[1].max(u[j])]);
             NOISE[level][1] * (most[1] - most[0])
         })
         .collect();
-    let sensors: Vec<crate::effect::JointPhysics> = plant.mechanism().joints[plant.mechanism().base..].to_vec();
-    let observe = Observe {
-        stage: &stage,
-        moving: &moving,
-        noise: [&position_noise, &effort_noise],
+    let sensors = Sensors {
+        joints: moving.iter().map(|&j| stage.known.joints[j].name.clone()).collect(),
+        driving: stage.driving,
+        noise: [position_noise, effort_noise],
         with_velocity: rng.chance(0.35),
         with_effort: stage.driving != Driving::Hand
             && (rng.chance(0.25) || entries.iter().any(|e| e.choices.get("of").is_some_and(|w| w == "effort"))),
-        sensors: &sensors,
+        physics: mechanism.joints[mechanism.base..].to_vec(),
     };
     let log = |runs: &[Run], word: &str, rng: &mut Random| -> Vec<Log> {
-        runs.iter().enumerate().map(|(i, r)| observe.log(r, &format!("{word}_{}", i + 1), session && i > 0, rng)).collect()
+        runs.iter().enumerate().map(|(i, r)| sensors.log(r, &format!("{word}_{}", i + 1), session && i > 0, rng)).collect()
     };
     let given =
         Given { model: stage.known.clone(), train: log(&train_runs, "train", &mut rng), held_out: log(&held_runs, "held_out", &mut rng) };
 
     // What can be known.
     let gravity = kind.feels_gravity();
-    let drifts: Vec<[f64; 2]> = sensors.iter().map(|s| s.sensor.effort_drift).collect();
+    let drifts: Vec<[f64; 2]> = sensors.physics.iter().map(|s| s.sensor.effort_drift).collect();
     let mut hidden = Vec::new();
     for (k, entry) in entries.iter().enumerate() {
         let j = joints[k];
@@ -396,7 +406,7 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
             joint: j,
             scale: (scales[j].effort, scales[j].velocity, scales[j].range),
             runs: &train_runs,
-            readings: [&position_noise, &effort_noise],
+            readings: sensors.noise.each_ref().map(Vec::as_slice),
             effort_is_measured: stage.driving == Driving::Hand,
             known: &stage.known,
             effort_drift: &drifts,
@@ -419,14 +429,27 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         mechanism: kind.word().into(),
         engine: if by_rapier { "rapier" } else { "runge_kutta" }.into(),
         step,
-        joints: moving.iter().map(|&j| stage.known.joints[j].name.clone()).collect(),
+        joints: sensors.joints.clone(),
         ranges,
         families: [word(&train), word(&held)],
-        noise: [position_noise.clone(), effort_noise.clone()],
+        noise: sensors.noise.clone(),
         known_losses: moving.iter().map(|&j| &stage.body.joints[j]).map(|j| (j.name.clone(), [j.damping, j.friction])).collect(),
         oracle_gap,
     };
-    Ok(Some(Scenario { given, truth }))
+    let greatest = |j: usize| train_runs.iter().flat_map(|r| &r.delivered).fold(0.0f64, |most, u| most.max(u[j].abs()));
+    let middle = |j: usize| stage.range[j].iter().sum::<f64>() / 2.0;
+    let bench = Bench {
+        most: (0..n).map(greatest).collect(),
+        middle: (0..n).map(middle).collect(),
+        seed: seed ^ number_of(&id.to_string()),
+        stage,
+        mechanism,
+        engine,
+        sensors,
+        rate,
+        follow,
+    };
+    Ok(Some(Scenario { given, truth, bench }))
 }
 
 fn extent(runs: &[Run], j: usize) -> (f64, f64) {
@@ -488,85 +511,4 @@ fn compatible(name: &str, with: &[&str]) -> bool {
     let shared = |names: &[&str]| priors::stages(names[0]).iter().any(|k| names.iter().all(|n| priors::stages(n).contains(k)));
     let together: Vec<&str> = with.iter().copied().chain([name]).collect();
     with.iter().all(|w| !clash(w, name)) && shared(&together)
-}
-
-/// Carries out a plan.
-fn drive(plant: &mut dyn Plant, plan: &Plan, stage: &Stage, known: &Rigid) -> Result<Run, EvaluationError> {
-    let from = plan.time.first().copied().unwrap_or(0.0);
-    let start: Vec<f64> = plan.references.iter().map(Reference::start).collect();
-    let still = vec![0.0; start.len()];
-    let mass = known.at(&start, &still).0;
-    let mut input = |_: usize, t: f64, q: &[f64], v: &[f64]| -> Vec<Hold> {
-        let gravity = known.gravity(q);
-        plan.references
-            .iter()
-            .enumerate()
-            .map(|(j, r)| match stage.driving {
-                Driving::Servo { stiffness, damping } => Hold::Servo { stiffness, damping, target: r.at(t - from).r },
-                Driving::Hand | Driving::Torque => {
-                    let weight = if r.lets_go() { 0.0 } else { gravity[j] };
-                    Hold::Effort(weight + mass[(j, j)] * r.wanted(t - from, q[j], v[j]))
-                }
-            })
-            .collect()
-    };
-    simulate(plant, &plan.time, &[], (&start, &still), &mut input)
-}
-
-/// What the sensors write down.
-struct Observe<'a> {
-    stage: &'a Stage,
-    moving: &'a [usize],
-    noise: [&'a [f64]; 2],
-    with_velocity: bool,
-    with_effort: bool,
-    sensors: &'a [crate::effect::JointPhysics],
-}
-
-impl Observe<'_> {
-    fn log(&self, run: &Run, source: &str, continues: bool, rng: &mut Random) -> Log {
-        let mut joints = Vec::new();
-        for (j, &joint) in self.moving.iter().enumerate() {
-            let noisy = |value: f64, size: f64, rng: &mut Random| value + size * rng.normal();
-            let all = |value: Vec<f64>| Series { time: run.time.clone(), value };
-            let position = all(run.position.iter().map(|p| noisy(p[j], self.noise[0][j], rng)).collect());
-            // Velocities as drives give them: differences of a fine encoder, filtered; about thirty times the position's noise a second.
-            let velocity =
-                self.with_velocity.then(|| all(run.velocity.iter().map(|v| noisy(v[j], 30.0 * self.noise[0][j], rng)).collect()));
-            let [bias, rate] = self.sensors[j].sensor.effort_drift;
-            let hand = self.stage.driving == Driving::Hand;
-            let effort = (hand || self.with_effort).then(|| {
-                let value = (0..run.time.len()).map(|k| noisy(run.delivered[k][j], self.noise[1][j], rng) + bias + rate * run.time[k]);
-                all(value.collect())
-            });
-            let value = |k: usize| match run.hold[k][j] {
-                Hold::Effort(u) => u,
-                Hold::Servo { target, .. } => target,
-            };
-            let command = match self.stage.driving {
-                Driving::Hand => None,
-                Driving::Torque => Some((CommandKind::Effort, all((0..run.time.len()).map(value).collect()))),
-                Driving::Servo { .. } => Some((CommandKind::Position, all((0..run.time.len()).map(value).collect()))),
-            };
-            joints.push(JointLog {
-                name: self.stage.known.joints[joint].name.clone(),
-                position,
-                velocity,
-                effort,
-                command,
-                command_gaps: Vec::new(),
-            });
-        }
-        let log = Log {
-            source: format!("{source}.csv"),
-            hash: String::new(),
-            joints,
-            wrenches: Vec::new(),
-            is_table: true,
-            notes: Vec::new(),
-            continues,
-            epoch: 0,
-        };
-        log.hashed()
-    }
 }
