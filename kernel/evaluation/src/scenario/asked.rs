@@ -54,7 +54,7 @@ impl Path {
     }
 
     fn go(self, to: f64, speed: f64) -> Self {
-        let (from, way) = (self.here(), to - self.here());
+        let way = to - self.here();
         let rows = (way.abs() / (speed.max(1e-9) * self.period)).ceil().max(1.0);
         let seconds = rows * self.period;
         self.along(seconds, |t| [to - way * (1.0 - t / seconds), way / seconds])
