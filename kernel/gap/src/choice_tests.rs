@@ -206,6 +206,23 @@ fn what_leaves_nothing_but_noise_is_there_though_windows_come_no_nearer() {
     assert!(!is_there(&(&noise * 1.5)));
 }
 
+/// The same force is there in most recordings and goes the other way in some: of all windows together a name makes it worse.
+#[test]
+fn what_makes_the_usual_window_clearly_nearer_is_there_though_a_few_end_far_off() {
+    let model = door();
+    let is_there = |lasting: usize| {
+        let pushed = |i: usize| with(&model, "torque_bias", &[("bias", if i < lasting { 0.01 } else { -0.02 })]);
+        let data: Vec<Trajectory> = (0..6).map(|i| Trajectory::new(&swing(&pushed(i), 1e-5, i as u64), &model).unwrap()).collect();
+        let search = Search::new(&model, &data).unwrap();
+        let less = Fit::start(&search.problem, Hypothesis::known(&model, &search.joints)).unwrap();
+        let more = Fit::start(&search.problem, less.hypothesis.with("torque_bias", Some("hinge"), &[0.01]).unwrap()).unwrap();
+        assert!(search.left_of_gap(&model, &less, &more, 1.0) > 1.0, "a mean over windows says no");
+        search.is_material(&model, (&less, &more), (50.0, 0.03), 1.0).unwrap()
+    };
+    assert!(is_there(4));
+    assert!(!is_there(2), "most go the other way");
+}
+
 /// Drag that grows faster than the square of speed is imitated by a friction that rises with it, a spring that is stiffer beyond a place by a
 /// stop that a joint goes half its way into.
 #[test]

@@ -247,7 +247,9 @@ pub(crate) fn questions<'a>(search: &Search<'_>, chosen: &'a [Choice], current: 
 pub(crate) fn propose(search: &Search<'_>, question: &Question<'_>, scale: f64) -> Option<Experiment> {
     let room = search.room(&question.named.1.hypothesis.model, question.joint);
     let rivals = question.rivals.iter().map(|r| r.0);
-    let names: Vec<&str> = std::iter::once(question.named.0).chain(rivals).chain(question.equivalent.iter().copied()).collect();
+    // What is like it in these data may be so in any of their kind.
+    let mut names: Vec<&str> = std::iter::once(question.named.0).chain(rivals).collect();
+    names.extend(question.equivalent.iter().filter(|n| !question.rivals.iter().any(|r| r.0 == **n)));
     let joint = search.names[question.joint].clone();
     let all = || names.iter().filter(|n| !n.is_empty()).map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let never = NO_MOTION

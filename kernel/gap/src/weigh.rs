@@ -41,6 +41,8 @@ pub(crate) const FALL: f64 = 0.7;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
+/// The share to which such a force makes the error in the usual window fall, where the gap does not.
+const USUAL: f64 = 0.85;
 /// The share of windows of which such a fall is asked where most are to be nearer.
 const MOST: f64 = 0.75;
 /// Gap, in shares of the joints' ranges, from which on a model is lost within a window.
@@ -310,7 +312,7 @@ impl<'a> Search<'a> {
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
-    /// of the gap: a small loss does over a long swing; or the rows are certain of it. `gain` is what the evidence gains by it, and `force` is
+    /// of the gap: a small loss does over a long swing; or it makes the usual window's error clearly smaller; or the rows are certain of it. `gain` is what the evidence gains by it, and `force` is
     /// [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a model sticks or hits something, windows go one way or
     /// the other by little. Nor is it of what an effort that is read beside a command shows.
     pub fn is_material(
@@ -330,7 +332,17 @@ impl<'a> Search<'a> {
         let least = if force < MATERIAL { FALL } else { SMALLER };
         Ok(self.is_certain(less, more, gain)
             || self.left_of_gap(model, less, more, window) < least
-            || self.brings_most_near(model, less, more, window))
+            || self.brings_most_near(model, less, more, window)
+            || force >= MATERIAL && self.left_in_usual_window(model, less, more, window) < USUAL)
+    }
+
+    /// Share of the error in the median window that another fit leaves there: a few that begin beside an unstable rest end anywhere, and are all
+    /// that a mean over windows shows.
+    fn left_in_usual_window(&self, model: &ObjectModel, less: &Fit, more: &Fit, window: f64) -> f64 {
+        let window = if self.many_joints() { window.min(SHORT) } else { window };
+        let measure = Measure::new(self, model, self.problem.trajectories, &[], window);
+        let usual = |fit: &Fit| measure.in_usual_window(&fit.hypothesis);
+        usual(less).and_then(|before| Ok(usual(more)? / before.max(f64::MIN_POSITIVE))).unwrap_or(f64::INFINITY)
     }
 
     /// Are most windows predicted much better by a fit? A few that go the other way where a joint comes to rest or does not are more than all

@@ -294,23 +294,33 @@ fn pooled(rmse: &[f64], ranges: &[f64]) -> f64 {
     (rmse.iter().zip(ranges).map(|(e, r)| (e / r).powi(2)).sum::<f64>() / ranges.len() as f64).sqrt()
 }
 
+/// What comes of following under noises, harder and harder as long as that is nearer. How likely noises are is asked of short stretches. Along
+/// whole recordings an observer that follows softly loses a joint that falls, however right its model is: the gain knows nothing of what pulls
+/// it away. What is lost for good may be followed harder, too.
+fn followed<T>(mut noise: Noise, under: impl Fn(&Noise) -> Result<(T, f64), GapError>) -> Result<T, GapError> {
+    let mut found = under(&noise);
+    for _ in 0..HARDER {
+        if found.as_ref().is_ok_and(|(_, off)| *off < LOST) {
+            break;
+        }
+        noise = noise.times([1.0, 2.0]);
+        let harder = under(&noise);
+        let is_nearer = match (&found, &harder) {
+            (Ok((_, before)), Ok((_, after))) => after < before,
+            (Ok(_), Err(_)) => false,
+            (Err(_), _) => true,
+        };
+        if !is_nearer {
+            break;
+        }
+        found = harder;
+    }
+    found.map(|(followed, _)| followed)
+}
+
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        let mut noise = noise.likely(plant, trajectories);
-        let mut found = Self::under(plant, trajectories, &noise)?;
-        // How likely noises are is asked of short stretches. Along whole recordings an observer that follows softly loses a joint that falls,
-        // however right its model is: the gain knows nothing of what pulls it away.
-        for _ in 0..HARDER {
-            if found.1 < LOST {
-                break;
-            }
-            noise = noise.times([1.0, 2.0]);
-            match Self::under(plant, trajectories, &noise) {
-                Ok(harder) if harder.1 < found.1 => found = harder,
-                _ => break,
-            }
-        }
-        Ok(found.0)
+        followed(noise.likely(plant, trajectories), |noise| Self::under(plant, trajectories, noise))
     }
 
     /// Runs under a noise, and the mean square of the errors along the trajectory where it is largest, in their deviations.
@@ -472,5 +482,39 @@ impl Smoothed {
             }
         }
         invented
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::{Noise, followed};
+    use crate::GapError;
+
+    /// What share of accelerations is followed with in the end, where so large ones are lost for good below `lost`, and off by `off` of it from
+    /// there on.
+    fn share(lost: f64, off: impl Fn(f64) -> f64) -> Result<f64, GapError> {
+        let noise = Noise {
+            position: vec![1e-3],
+            share: vec![0.01],
+            quiet: vec![0.1],
+            effort: vec![0.0],
+            mobility: vec![1.0],
+            reading: vec![0.0],
+            drives: vec![],
+        };
+        followed(noise, |noise| match noise.share[0] {
+            share if share < lost => Err(GapError::data("arm", "the forces of the step are no number")),
+            share => Ok((share, off(share))),
+        })
+    }
+
+    /// An arm's data at much noise had no answer at all: the soft gains that these ask for lost it, with an error.
+    #[test]
+    fn what_soft_gains_lose_for_good_is_followed_harder() {
+        assert_eq!(share(0.03, |_| 1.0).unwrap(), 0.04);
+        assert_eq!(share(0.0, |_| 1.0).unwrap(), 0.01, "no harder than need be");
+        assert_eq!(share(0.03, |share| 50.0 + share).unwrap(), 0.04, "nor where that is no nearer");
+        assert!(share(1e6, |_| 1.0).is_err());
     }
 }
