@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter;
 
+use nalgebra::Point3;
 use rayon::prelude::*;
 use sagci_dynamics::effects;
 use sagci_model::ObjectModel;
@@ -287,20 +288,21 @@ impl<'a> Search<'a> {
     pub fn ask_neighbours(&self, base: &Fit, views: &[JointView], all: &mut Vec<Candidate>, scale: f64) {
         let Some(best) = all.first().cloned() else { return };
         // Of a name's shapes but one has been kept.
-        let is_near = |name: &str| {
-            let near = |c: &Candidate| c.effect == name && c.joint == best.joint && c.evidence > best.evidence - NEAR;
-            name != best.effect && all.iter().any(near)
+        let is_near = |name: &str, joint: usize| {
+            let near = |c: &Candidate| c.effect == name && c.joint == Some(joint) && c.evidence > best.evidence - NEAR;
+            (name, Some(joint)) != (best.effect, best.joint) && all.iter().any(near)
         };
         let begins = self.neighbours_of(base, views, &best);
-        let begins: Vec<_> = begins.into_iter().filter(|(name, _)| !is_near(name)).collect();
-        let ended = |(effect, hypothesis): (&'static str, Hypothesis)| {
+        let begins: Vec<_> = begins.into_iter().filter(|(name, joint, _)| !is_near(name, *joint)).collect();
+        let ended = |(effect, joint, hypothesis): (&'static str, usize, Hypothesis)| {
             let begun = Fit::start(&self.problem, hypothesis).ok()?;
             let fit = self.refit_beside(base, &begun, scale, best.evidence).ok()?;
             let evidence = self.evidence(&fit, scale);
             // Another shape of the same name has to say more by more than chance: how large noises are is not known yet.
-            let asked = if effect == best.effect { best.evidence + CONVINCING } else { f64::NEG_INFINITY };
+            let is_itself = (effect, Some(joint)) == (best.effect, best.joint);
+            let asked = if is_itself { best.evidence + CONVINCING } else { f64::NEG_INFINITY };
             let holds = evidence.is_finite() && evidence > asked && self.is_shaped(&fit);
-            holds.then_some(Candidate { effect, joint: best.joint, fit, evidence })
+            holds.then_some(Candidate { effect, joint: Some(joint), fit, evidence })
         };
         let more: Vec<Candidate> = begins.into_par_iter().filter_map(ended).collect();
         if more.is_empty() {
@@ -311,22 +313,45 @@ impl<'a> Search<'a> {
         one_of_each(all);
     }
 
-    /// Where neighbours of a fitted candidate begin, by their own equations.
-    fn neighbours_of(&self, base: &Fit, views: &[JointView], candidate: &Candidate) -> Vec<(&'static str, Hypothesis)> {
+    /// Where neighbours of a fitted candidate begin, by their own equations, each on its joint.
+    fn neighbours_of(&self, base: &Fit, views: &[JointView], candidate: &Candidate) -> Vec<(&'static str, usize, Hypothesis)> {
         let hypothesis = &candidate.fit.hypothesis;
         let (Some(j), Some(entry)) = (candidate.joint, hypothesis.model_at(&hypothesis.x).document.effects.pop()) else {
             return Vec::new();
         };
         let Ok((_, values)) = effects::parameters_of(&entry) else { return Vec::new() };
-        let begin = |(name, values): (&'static str, Vec<f64>)| {
+        let begin = |(name, on, values): (&'static str, usize, Vec<f64>)| {
             let n = base.hypothesis.x.len();
-            let mut begun = base.hypothesis.with(name, Some(&self.names[j]), &values).ok()?;
+            let mut begun = base.hypothesis.with(name, Some(&self.names[on]), &values).ok()?;
             // Without any effect the known numbers were led astray; beside this one they are where they will be beside its neighbour.
             begun.x[..n].copy_from_slice(&hypothesis.x[..n]);
-            Some((name, begun.confined(n, views[j].range, views[j].way())))
+            Some((name, on, begun.confined(n, views[on].range, views[on].way())))
         };
-        let seen = |(name, _): &(&'static str, Vec<f64>)| observable(name, self.seen[j]);
-        neighbours(candidate.effect, &values, &views[j]).into_iter().filter(seen).filter_map(begin).collect()
+        let here = neighbours(candidate.effect, &values, &views[j]).into_iter().map(|(name, values)| (name, j, values));
+        let load = candidate.effect == "payload" && self.many_joints();
+        let beside = if load { self.carried_by_links_beside(&hypothesis.model, j, &values) } else { Vec::new() };
+        let all = here.chain(beside.into_iter().map(|(on, values)| ("payload", on, values)));
+        all.filter(|(name, on, _)| observable(name, self.seen[*on])).filter_map(begin).collect()
+    }
+
+    /// The same load where it is with the joints as they mostly are, but carried by the link before or after: which of them carries it their motion
+    /// alone tells, and a first look at its weight does not.
+    fn carried_by_links_beside(&self, model: &ObjectModel, j: usize, load: &[f64]) -> Vec<(usize, Vec<f64>)> {
+        let &[mass, x, y, z] = load else { return Vec::new() };
+        let q = noise::middle(self.problem.trajectories, self.names.len());
+        let joint = |slot: usize| &model.joints[self.joints[slot]];
+        let place = |other: usize| {
+            let p_LoP = Point3::new(x, y, z);
+            let p = if joint(other).parent == joint(j).child {
+                model.X_PC(self.joints[other], q[other]).inverse() * p_LoP
+            } else if joint(j).parent == joint(other).child {
+                model.X_PC(self.joints[j], q[j]) * p_LoP
+            } else {
+                return None;
+            };
+            Some((other, vec![mass, p.x, p.y, p.z]))
+        };
+        (0..self.names.len()).filter_map(place).collect()
     }
 
     /// First fits in the simulator of what the screens leave, the best of each effect on each joint, the most likely first.
@@ -383,7 +408,7 @@ impl<'a> Search<'a> {
         let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(go_on).collect();
         best(&mut begun);
         let beside = |c: &Candidate| -> Vec<Candidate> {
-            let begin = |(name, hypothesis)| Some(first(name, c.joint, hypothesis, QUICK)?.0);
+            let begin = |(name, joint, hypothesis)| Some(first(name, Some(joint), hypothesis, QUICK)?.0);
             self.neighbours_of(base, views, c).into_iter().filter_map(begin).collect()
         };
         let more: Vec<Candidate> = begun.par_iter().take(NEIGHBOURS).flat_map_iter(beside).collect();
@@ -516,10 +541,45 @@ pub(crate) fn entries(hypothesis: &Hypothesis) -> Vec<usize> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use nalgebra::Point3;
+    use sagci_model::{JointKind, ObjectModel};
+    use sagci_recording::{JointLog, Log, Series};
+
     use super::Search;
+    use crate::noise;
     use crate::screen::Screened;
     use crate::tests::{door, swing, with};
     use crate::trajectory::Trajectory;
+
+    /// A screen sees a load's weight, which the link before bears as well: a load of half a kilogram was found on the wrong side of a wrist.
+    #[test]
+    fn a_load_begins_on_the_links_beside_where_it_is() {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../world-models/panda");
+        let head = std::fs::read_to_string(folder.join("HEAD")).unwrap();
+        let mut model = ObjectModel::read(folder.join(head.trim())).unwrap();
+        let arm: Vec<String> = model.document.robot.as_ref().unwrap().arm_joints.clone();
+        model.joints.iter_mut().filter(|j| !arm.contains(&j.name)).for_each(|j| (j.kind, j.mimic) = (JointKind::Fixed, None));
+        let time: Vec<f64> = (0..600).map(|k| 0.005 * f64::from(k)).collect();
+        let joint = |(i, name): (usize, &String)| {
+            let value = time.iter().map(|t| 0.3 * i as f64 - 1.2 + 0.2 * (2.0 * t + i as f64).sin()).collect();
+            JointLog { name: name.clone(), position: Series { time: time.clone(), value }, ..JointLog::default() }
+        };
+        let log = Log { source: "arm.csv".into(), joints: arm.iter().enumerate().map(joint).collect(), ..Log::default() };
+        let data = [Trajectory::new(&log, &model).unwrap()];
+        let search = Search::new(&model, &data).unwrap();
+        let q = noise::middle(&data, arm.len());
+        let in_world = |slot: usize, p: &[f64]| {
+            let X_OL = model.X_OL(&q);
+            X_OL[model.joints[search.joints[slot]].child] * Point3::new(p[0], p[1], p[2])
+        };
+        let load = [0.5, 0.01, -0.02, 0.1];
+        let beside = search.carried_by_links_beside(&model, 5, &load);
+        assert_eq!(beside.iter().map(|b| b.0).collect::<Vec<_>>(), [4, 6]);
+        for (slot, values) in beside {
+            assert_eq!(values[0], 0.5);
+            assert!((in_world(slot, &values[1..]) - in_world(5, &load[1..])).norm() < 1e-9, "{slot}");
+        }
+    }
 
     /// A start that was far from where it ends was left while it came nearer tenfold with each few steps, and another name stood in its place.
     #[test]

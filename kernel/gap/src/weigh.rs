@@ -129,9 +129,11 @@ impl<'a> Search<'a> {
     /// Fits to the end, by derivatives of their own, those that have come near the best one: where they were left there is no ground to say that
     /// they are behind it.
     pub fn settle_near(&self, candidates: &mut [Candidate], scale: f64) {
-        let Some(best) = candidates.first().map(|b| b.evidence).filter(|_| !self.many_joints()) else { return };
+        let Some(best) = candidates.first().map(|b| b.evidence) else { return };
+        // Of an arm a fit to the end is much of the work, and beside a tie all others wait.
+        let rivals = if self.many_joints() { 1 } else { RIVALS };
         let near = |c: &&mut Candidate| c.evidence > best - NEAR;
-        let near: Vec<&mut Candidate> = candidates.iter_mut().take(1 + RIVALS).filter(near).collect();
+        let near: Vec<&mut Candidate> = candidates.iter_mut().take(1 + rivals).filter(near).collect();
         if near.len() > 1 {
             near.into_par_iter().for_each(|c| c.fit = self.settle(&c.fit, scale));
             self.rank(candidates, scale);
