@@ -15,6 +15,9 @@ use crate::effect::{CATALOGUE, OUTSIDE};
 use crate::scenario::{Given, RunId, RunKind, Scenario, draw};
 use crate::score::{Judgement, Named, Trial, judge};
 
+/// Experiments that are done for one answer, at the most.
+const EXPERIMENTS: usize = 2;
+
 /// Which runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Suite {
@@ -169,9 +172,6 @@ pub fn run(
     done.sort_by(|a, b| a.id.cmp(&b.id));
     Ok(done)
 }
-
-/// Experiments that are done for one answer.
-const EXPERIMENTS: usize = 2;
 
 /// Has an answer to settle between names of which one is true? Of an arm experiments would take as long as all else.
 fn asks(judgement: &Judgement) -> bool {

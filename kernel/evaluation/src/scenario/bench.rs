@@ -160,7 +160,7 @@ pub struct Bench {
     /// Samples a second, and the pace of the hand, rad/s.
     pub(super) rate: f64,
     pub(super) follow: f64,
-    /// The greatest effort at each joint in the first data, and where each joint mostly was.
+    /// The greatest effort at each joint in the first data, and the middle of its way.
     pub(super) most: Vec<f64>,
     pub(super) middle: Vec<f64>,
     pub(super) seed: u64,
@@ -168,7 +168,8 @@ pub struct Bench {
 
 impl Bench {
     /// Does what an answer asks for in `next_experiment`, as `FORMAT.md` of the workflow describes it: leads the joint along, holds the others,
-    /// and stops where a limit is near. None where no motion helps: where something outside has to change or be measured.
+    /// and stops where a limit is near. None where that is no motion, as where something outside has to change or be measured, or where it begins
+    /// at a limit.
     ///
     /// # Errors
     /// The motion runs away.
@@ -187,7 +188,11 @@ impl Bench {
         let known = Rigid::new(&self.stage.known)?;
         let hand = Hand { driving: self.stage.driving, known: &known, most: Some(&most) };
         let mut run = hand.lead(self.engine.plant(self.mechanism.clone())?.as_mut(), &time, &leads)?;
-        run.truncate(self.rows_within_limits(&run));
+        let rows = self.rows_within_limits(&run);
+        if rows < 2 {
+            return Ok(None);
+        }
+        run.truncate(rows);
         let mut rng = Random::new(self.seed ^ number_of(&format!("experiment {number}")), "experiment");
         Ok(Some(self.sensors.log(&run, &format!("experiment_{number}"), false, &mut rng)))
     }
