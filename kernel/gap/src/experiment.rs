@@ -5,11 +5,14 @@
 //! whitened prediction errors `e` give what the experiment is expected to say against it (Hunter and Reiner 1965; Box and Hill 1967):
 //!
 //! ```text
-//! ln K = 1/2 min over x of |e + J x|^2 / s^2 + x^T H x = 1/2 (e^T e - g^T (s^2 H + J^T J)^-1 g) / s^2,   g = J^T e
+//! ln K = 1/2 min over x of |e + J x|^2 / s^2 + x^T H x + I_B - I_A = 1/2 (e^T e - g^T (s^2 H + J^T J)^-1 g) / s^2 + I_B - I_A,   g = J^T e
+//! I = 1/2 (ln det(1 + H^-1 J^T J / s^2) - tr((s^2 H + J^T J)^-1 J^T J))
 //! ```
 //!
 //! The minimum is what a fair judge asks for: a rival may move its numbers, as far as the data that it was fitted to let it, `H` being the
-//! curvature there. Only what it cannot follow even then counts.
+//! curvature there. What it follows even then still counts by the room that its numbers had, less what chance makes good with them (the expected
+//! gain of information of a linear model; Chaloner and Verdinelli 1995): a friction by place becomes an even one where its hump is none, and
+//! only that it need not have been so speaks against it.
 //!
 //! The menu goes from gentle to brisk. The first that settles the matter is proposed; if none does, the one that says most. Some names no
 //! motion of one joint can tell apart; then something outside has to change, or to be measured, and that is said.
@@ -17,7 +20,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use sagci_model::ObjectModel;
 use sagci_recording::CommandKind;
@@ -402,31 +405,61 @@ fn discrimination(search: &Search<'_>, question: &Question<'_>, room: &Room, pla
     let data = std::slice::from_ref(&made);
     let problem = Problem::new(data, search.problem.disturbance.clone(), &kept(search), STEP);
     let own = problem.errors(&named.hypothesis, &named.hypothesis.x)?;
+    // Of an arm derivatives by all that is known would take as long as the search.
+    let itself = if search.many_joints() { None } else { Learning::of(&problem, named, &own, scale)? };
     question
         .rivals
         .par_iter()
         .map(|(_, rival)| {
-            let e = problem.errors(&rival.hypothesis, &rival.hypothesis.x)? - &own;
-            let weight = 1.0 / (scale * scale);
+            let errors = problem.errors(&rival.hypothesis, &rival.hypothesis.x)?;
+            let (e, weight) = (&errors - &own, 1.0 / (scale * scale));
             let most = 0.5 * weight * e.norm_squared();
-            // Less is not worth a closer look: moving its numbers only makes a rival better.
-            if most < TOLD || rival.jacobian.len() != rival.hypothesis.x.len() {
+            if itself.is_none() && most < TOLD {
                 return Ok(most);
             }
-            let all: Vec<usize> = (0..rival.hypothesis.x.len()).collect();
-            let columns: Vec<DVector<f64>> = problem.jacobian(&rival.hypothesis, &rival.hypothesis.x, &(&e + &own), &all)?;
-            let (mut matrix, _) = rival.normal(scale);
-            let mut g = DVector::zeros(all.len());
-            for a in 0..all.len() {
-                for b in 0..all.len() {
-                    matrix[(a, b)] += weight * columns[a].dot(&columns[b]);
-                }
-                g[a] = weight * columns[a].dot(&e);
-            }
-            let follows = Cholesky::new(DMatrix::clone(&matrix)).map_or(0.0, |c| 0.5 * g.dot(&c.solve(&g)));
-            Ok((most - follows).max(0.0))
+            let Some(learning) = Learning::of(&problem, rival, &errors, scale)? else { return Ok(most) };
+            Ok(most - learning.follows(&e, weight) + itself.as_ref().map_or(0.0, |itself| learning.room - itself.room))
         })
         .collect()
+}
+
+/// What new data teach a model of its numbers.
+struct Learning {
+    columns: Vec<DVector<f64>>,
+    /// Curvature with the new data.
+    curvature: Cholesky<f64, Dyn>,
+    /// What its evidence is expected to lose by room that its numbers had.
+    room: f64,
+}
+
+impl Learning {
+    /// None of a model of which derivatives by some numbers are lacking, or whose numbers nothing holds.
+    fn of(problem: &Problem<'_>, fit: &Fit, errors: &DVector<f64>, scale: f64) -> Result<Option<Self>, GapError> {
+        let n = fit.hypothesis.x.len();
+        if fit.jacobian.len() != n {
+            return Ok(None);
+        }
+        let all: Vec<usize> = (0..n).collect();
+        let columns: Vec<DVector<f64>> = problem.jacobian(&fit.hypothesis, &fit.hypothesis.x, errors, &all)?;
+        let (before, _) = fit.normal(scale);
+        let mut after: DMatrix<f64> = before.clone();
+        for a in 0..n {
+            for b in 0..n {
+                after[(a, b)] += columns[a].dot(&columns[b]) / (scale * scale);
+            }
+        }
+        let (Some(known), Some(curvature)) = (Cholesky::new(before.clone()), Cholesky::new(after)) else { return Ok(None) };
+        let determinant = |c: &Cholesky<f64, Dyn>| 2.0 * c.l_dirty().diagonal().map(f64::ln).sum();
+        let told = n as f64 - curvature.solve(&before).trace();
+        let room = 0.5 * (determinant(&curvature) - determinant(&known) - told);
+        Ok(Some(Self { columns, curvature, room }))
+    }
+
+    /// How much of errors the model follows by moving its numbers.
+    fn follows(&self, errors: &DVector<f64>, weight: f64) -> f64 {
+        let g = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| weight * column.dot(errors)));
+        0.5 * g.dot(&self.curvature.solve(&g))
+    }
 }
 
 /// All limits of the URDF are kept: what is let go may reach them.

@@ -143,6 +143,16 @@ fn coulomb_and_stribeck_ask_for_slow_speeds() {
     assert!(["quasi_static_sweep", "two_speeds"].contains(&next.name.as_str()) && speed.unwrap() < 0.3, "{next:?}");
 }
 
+/// An even friction is a friction by place whose hump is none, so that this follows it whatever the motion; and nothing was asked for. But over a way
+/// that was not seen it need not have been none.
+#[test]
+fn a_rival_that_can_be_the_same_is_told_by_what_it_need_not_have_been() {
+    let names = ["coulomb_friction", "position_dependent_friction"];
+    let next = between(names, &[("friction", 0.2)], [&[0.2], &[0.2, 0.02, 0.9, 0.3]], 0.2).unwrap();
+    assert_eq!(next.separates, names);
+    assert!(next.expected_log_bayes_factor.unwrap() > 3.0, "{next:?}");
+}
+
 #[test]
 fn no_motion_is_proposed_where_none_helps() {
     let next = between(["torque_gain", "armature_inertia"], &[("gain_error", 0.1)], [&[0.1], &[0.01]], 1.0).unwrap();
