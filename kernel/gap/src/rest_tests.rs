@@ -101,11 +101,11 @@ fn on_clean_data_no_learned_force_is_kept() {
     }
 }
 
-/// Asks for the experiment between two names, both fitted to a swing of the first.
-fn between(names: [&str; 2], parameters: &[(&str, f64)], starts: [&[f64]; 2], width: f64) -> Option<Experiment> {
+/// Asks for the experiment between two names, both fitted to a swing of the first, so wide and with so much noise.
+fn between(names: [&str; 2], parameters: &[(&str, f64)], starts: [&[f64]; 2], [width, noise]: [f64; 2]) -> Option<Experiment> {
     let model = door();
     let truth = with(&model, names[0], parameters);
-    let train: Vec<Trajectory> = (1..3).map(|s| Trajectory::new(&led(&truth, 2e-4, s, width), &model).unwrap()).collect();
+    let train: Vec<Trajectory> = (1..3).map(|s| Trajectory::new(&led(&truth, noise, s, width), &model).unwrap()).collect();
     let search = Search::new(&model, &train).unwrap();
     let base = search.known(&model, 1.0).unwrap();
     let fitted = |i: usize| {
@@ -127,7 +127,7 @@ fn between(names: [&str; 2], parameters: &[(&str, f64)], starts: [&[f64]; 2], wi
 #[test]
 fn a_spring_and_a_tilt_over_a_short_range_ask_for_a_sweep_over_the_full_one() {
     let parameters = [("stiffness", 1.0), ("rest_position", 0.4)];
-    let next = between(["joint_spring", "hinge_tilt"], &parameters, [&[1.0, 0.4], &[1.5, 0.0]], 0.3).unwrap();
+    let next = between(["joint_spring", "hinge_tilt"], &parameters, [&[1.0, 0.4], &[1.5, 0.0]], [0.3, 2e-4]).unwrap();
     assert_eq!(next.name, "quasi_static_sweep", "{next:?}");
     // The URDF's limits are -0.4 and 2.
     assert!(next.reference.numbers["low"] < -0.3 && next.reference.numbers["high"] > 1.9, "{next:?}");
@@ -138,7 +138,7 @@ fn a_spring_and_a_tilt_over_a_short_range_ask_for_a_sweep_over_the_full_one() {
 #[test]
 fn coulomb_and_stribeck_ask_for_slow_speeds() {
     let parameters = [("friction", 0.2), ("static_friction", 0.32), ("stribeck_velocity", 0.02), ("exponent", 2.0)];
-    let next = between(["stribeck_friction", "coulomb_friction"], &parameters, [&[0.2, 0.3, 0.02, 2.0], &[0.2]], 1.0).unwrap();
+    let next = between(["stribeck_friction", "coulomb_friction"], &parameters, [&[0.2, 0.3, 0.02, 2.0], &[0.2]], [1.0, 2e-4]).unwrap();
     let speed = next.reference.numbers.get("slow_speed").or(next.reference.numbers.get("speed")).copied();
     assert!(["quasi_static_sweep", "two_speeds"].contains(&next.name.as_str()) && speed.unwrap() < 0.3, "{next:?}");
 }
@@ -148,14 +148,14 @@ fn coulomb_and_stribeck_ask_for_slow_speeds() {
 #[test]
 fn a_rival_that_can_be_the_same_is_told_by_what_it_need_not_have_been() {
     let names = ["coulomb_friction", "position_dependent_friction"];
-    let next = between(names, &[("friction", 0.2)], [&[0.2], &[0.2, 0.02, 0.9, 0.3]], 0.2).unwrap();
+    let next = between(names, &[("friction", 0.2)], [&[0.2], &[0.2, 0.02, 0.9, 0.3]], [0.2, 1e-3]).unwrap();
     assert_eq!(next.separates, names);
     assert!(next.expected_log_bayes_factor.unwrap() > 3.0, "{next:?}");
 }
 
 #[test]
 fn no_motion_is_proposed_where_none_helps() {
-    let next = between(["torque_gain", "armature_inertia"], &[("gain_error", 0.1)], [&[0.1], &[0.01]], 1.0).unwrap();
+    let next = between(["torque_gain", "armature_inertia"], &[("gain_error", 0.1)], [&[0.1], &[0.01]], [1.0, 2e-4]).unwrap();
     assert_eq!((next.name.as_str(), next.expected_log_bayes_factor), ("change_payload", None));
 }
 
