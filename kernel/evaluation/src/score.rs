@@ -71,7 +71,7 @@ pub struct Trial {
     pub asked: Vec<String>,
     /// How many were done.
     pub done: usize,
-    /// What was named in the end.
+    /// What was named in the end; nothing where the last answer failed, too.
     pub named: Vec<Named>,
     /// That is nothing but the truth, and the whole of it.
     pub settled: bool,

@@ -130,7 +130,7 @@ impl<'a> Search<'a> {
     /// they are behind it.
     pub fn settle_near(&self, candidates: &mut [Candidate], scale: f64) {
         let Some(best) = candidates.first().map(|b| b.evidence) else { return };
-        // Of an arm a fit to the end is much of the work, and beside a tie all others wait.
+        // Of an arm each fit to the end is much of the work, so that only the next one gets its own.
         let rivals = if self.many_joints() { 1 } else { RIVALS };
         let near = |c: &&mut Candidate| c.evidence > best - NEAR;
         let near: Vec<&mut Candidate> = candidates.iter_mut().take(1 + rivals).filter(near).collect();
@@ -314,8 +314,8 @@ impl<'a> Search<'a> {
     }
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
-    /// of the gap: a small loss does over a long swing; or it makes the usual window's error clearly smaller; or the rows are certain of it. `gain` is what the evidence gains by it, and `force` is
-    /// [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a model sticks or hits something, windows go one way or
+    /// of the gap: a small loss does over a long swing; or it makes the usual window's error clearly smaller; or the rows are certain of it.
+    /// `gain` is what the evidence gains by it, and `force` is [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a model sticks or hits something, windows go one way or
     /// the other by little. Nor is it of what an effort that is read beside a command shows.
     pub fn is_material(
         &self,
