@@ -191,19 +191,28 @@ fn try_out(
         let next = &answer["next_experiment"];
         let Some(name) = next["name"].as_str() else { break };
         trial.asked.push(name.to_owned());
-        let recorded = match scenario.bench.perform(next, trial.done + 1) {
-            // One that cannot be done settles nothing.
-            Err(EvaluationError::Diverged { .. }) => None,
-            recorded => recorded?,
-        };
-        let Some(log) = recorded else { break };
-        given.train.push(log);
+        let recorded = scenario.bench.perform(next, trial.done + 1);
+        if matches!(recorded, Ok(None)) {
+            break;
+        }
         trial.done += 1;
-        let again = workflow(&given);
+        let again = match recorded {
+            Ok(log) => {
+                given.train.extend(log);
+                workflow(&given)
+            }
+            Err(ran_away @ EvaluationError::Diverged { .. }) => Err(ran_away.to_string()),
+            Err(other) => return Err(other),
+        };
         let judged = judge(&scenario.truth, &again, 0.0);
         (trial.named, trial.settled) = (judged.named, judged.exact);
-        let Ok(again) = again else { break };
-        answer = again;
+        match again {
+            Ok(again) => answer = again,
+            Err(why) => {
+                trial.failure = Some(why);
+                break;
+            }
+        }
     }
     Ok(trial)
 }
@@ -240,7 +249,8 @@ fn line_of(number: usize, total: usize, j: &Judgement) -> String {
     let said = j.failure.as_ref().map_or(said, Clone::clone);
     let then = j.trial.as_ref().map_or_else(String::new, |t| {
         let said = if t.named.is_empty() { "nothing".to_owned() } else { names_of(&t.named) };
-        let end = if t.done == 0 { "no motion" } else { &said };
+        let end = t.failure.as_ref().unwrap_or(&said);
+        let end = if t.done == 0 { "no motion" } else { end };
         format!("; after {}: {end}", if t.asked.is_empty() { "no experiment".to_owned() } else { t.asked.join(", ") })
     });
     format!(

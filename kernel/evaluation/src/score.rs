@@ -69,12 +69,15 @@ impl Named {
 pub struct Trial {
     /// Their names, in the order in which they were asked for; the last may be one that is no motion.
     pub asked: Vec<String>,
-    /// How many were done.
+    /// How many were begun.
     pub done: usize,
-    /// What was named in the end; nothing where the last answer failed, too.
+    /// What was named in the end; nothing where there was no last answer.
     pub named: Vec<Named>,
     /// That is nothing but the truth, and the whole of it.
     pub settled: bool,
+    /// Why it ended early: the mechanism ran away, or the workflow gave no answer to what was recorded.
+    #[serde(default)]
+    pub failure: Option<String>,
 }
 
 /// One answer, judged.
@@ -301,7 +304,7 @@ pub struct Table {
     pub effects: BTreeMap<String, EffectRow>,
     /// What stands outside the catalogue: `[unknown with its place, wrongly named, runs]`.
     pub outside: BTreeMap<String, [usize; 3]>,
-    /// Runs that gave no answer.
+    /// Runs that gave no answer, at first or after an experiment.
     pub failures: Vec<String>,
 }
 
@@ -506,6 +509,11 @@ pub fn table(all: &[Judgement]) -> Table {
             "",
         );
     }
-    t.failures = all.iter().filter_map(|j| j.failure.as_ref().map(|f| format!("{}: {f}", j.id))).collect();
+    let first = |j: &Judgement| j.failure.as_ref().map(|f| format!("{}: {f}", j.id));
+    let later = |j: &Judgement| {
+        let trial = j.trial.as_ref()?;
+        trial.failure.as_ref().map(|f| format!("{}, after {}: {f}", j.id, trial.asked.join(", ")))
+    };
+    t.failures = all.iter().filter_map(|j| first(j).or_else(|| later(j))).collect();
     t
 }

@@ -411,6 +411,14 @@ fn an_experiment_that_is_asked_for_is_done_and_its_recording_is_handed_over() {
     assert!(never.done == 0 && !never.settled && never.asked == ["change_payload"], "{never:?}");
     let twice = run(&options, &|_| Ok(undecided(joint, "quasi_static_sweep")), &|_| {}).unwrap();
     assert_eq!(twice[0].trial.as_ref().unwrap().done, 2);
+
+    let lost = |given: &Given| match given.train.len() {
+        n if n == first => Ok(undecided(joint, "quasi_static_sweep")),
+        _ => Err("the sweep could not be read".to_owned()),
+    };
+    let lost = run(&options, &lost, &|_| {}).unwrap();
+    let failures = table(&lost).failures;
+    assert!(lost[0].trial.as_ref().unwrap().done == 1 && failures[0].ends_with("after quasi_static_sweep: the sweep could not be read"));
 }
 
 #[test]
