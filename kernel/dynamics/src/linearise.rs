@@ -186,7 +186,7 @@ impl System {
         next.time = state.time;
         self.step(ws, next, input, dt)?;
         x.has_load = false;
-        x.pendulum = ws.pendulum.filter(|_| self.steps_as_pendulum(input) && !x.plan.has_rigid());
+        x.pendulum = ws.pendulum.filter(|_| self.steps_as_pendulum(input) && self.sways.is_empty() && !x.plan.has_rigid());
         if x.pendulum.is_none() && self.steps_as_pendulum(input) {
             // The step had no need of it.
             multibody.set_state(&mut ws.rigid, &state.q, &state.v)?;

@@ -9,6 +9,7 @@ use std::ops::{Deref, DerefMut};
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
+use crate::algorithms::pendulum::{ACROSS, Turning};
 use crate::effects::{Acts, Advance, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Row, Sway, Transfer};
 use crate::joint::Motion;
 use crate::spatial::{join, linear};
@@ -79,6 +80,14 @@ pub(crate) struct BaseMotion {
     pub carried: f64,
     /// Force with which what it carries reacts at rest of all accelerations, without gravity, N.
     pub reaction: f64,
+    /// Where it carries one body on one joint: its momentum per velocity, by the joint's position.
+    pub of_pendulum: Turning,
+}
+
+impl BaseMotion {
+    pub fn new(n: usize) -> Self {
+        Self { momentum: vec![0.0; n], ..Self::default() }
+    }
 }
 
 /// How a base that gives way stands in a system.
@@ -392,6 +401,32 @@ impl System {
                     base.reaction += (linear(&rigid.F[i]) + weight).dot(&sway.direction);
                 }
             }
+        }
+    }
+
+    /// The momenta that one body alone gives to bases, by its position.
+    pub(crate) fn prepare_bases(&self, rigid: &mut Workspace, bases: &mut [BaseMotion]) {
+        if self.sways.is_empty() {
+            return;
+        }
+        let mut momenta = ACROSS.map(|q| {
+            self.multibody().stand_at(rigid, q, &mut [0.0]);
+            self.multibody().composite(rigid);
+            self.gather_bases(rigid, bases);
+            bases.iter().map(|base| base.momentum[0]).collect::<Vec<f64>>().into_iter()
+        });
+        let kind = self.multibody().bodies[1].motion.kind;
+        for base in bases {
+            base.of_pendulum = Turning::new(kind, momenta.each_mut().map(|m| m.next().unwrap_or_default()));
+        }
+    }
+
+    /// [`Self::gather_bases`] where they carry one body alone.
+    pub(crate) fn gather_under_pendulum(&self, state: &State, bases: &mut [BaseMotion]) {
+        let (q, v) = (state.q[0], state.v[0]);
+        for base in bases {
+            let [momentum, change] = base.of_pendulum.at(q);
+            (base.momentum[0], base.reaction) = (momentum, change * v * v);
         }
     }
 

@@ -267,7 +267,7 @@ impl ReverseWorkspace {
             tau_bar: vec![0.0; n],
             spare: vec![0.0; n],
             next: StateCotangent::zero(system),
-            bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
+            bases: system.sways.iter().map(|_| BaseMotion::new(n)).collect(),
             condensed: vec![0.0; n],
         }
     }

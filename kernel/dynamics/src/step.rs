@@ -90,7 +90,7 @@ impl StepWorkspace {
             answers: vec![[[0.0; 2]; 2]; n],
             tau: vec![0.0; n],
             seen: vec![0.0; system.placements().len()],
-            bases: system.sways.iter().map(|_| BaseMotion { momentum: vec![0.0; n], ..BaseMotion::default() }).collect(),
+            bases: system.sways.iter().map(|_| BaseMotion::new(n)).collect(),
             pendulum: None,
             q: vec![0.0; multibody.nq()],
             z: system.state().z,
@@ -189,7 +189,11 @@ impl System {
             ws.tau.fill(0.0);
         } else {
             check("tau", input.tau, n)?;
-            ws.tau.copy_from_slice(input.tau);
+            match (&mut ws.tau[..], input.tau) {
+                // Nearly all steps of a search for what a model lacks are of one joint.
+                ([tau], [given]) => *tau = *given,
+                (tau, given) => tau.copy_from_slice(given),
+            }
         }
         if self.steps_as_pendulum(input) {
             self.load_pendulum(ws, state)?;
@@ -204,9 +208,9 @@ impl System {
                 *load = -*load;
             }
             multibody.composite(&mut ws.rigid);
+            self.gather_bases(&ws.rigid, &mut ws.bases);
         }
         self.drive(ws, state, dt);
-        self.gather_bases(&ws.rigid, &mut ws.bases);
         ws.more.fill(0.0);
         ws.next.copy_from_slice(&state.v);
         self.prepare(&mut ws.problem, state, dt);
@@ -236,19 +240,22 @@ impl System {
 
     /// Is all of the rigid part in a [`Pendulum`]'s constants?
     pub(crate) fn steps_as_pendulum(&self, input: &Input<'_>) -> bool {
-        self.multibody().is_pendulum() && input.external.is_empty() && self.contacts.is_none() && self.sways.is_empty()
+        self.multibody().is_pendulum() && input.external.is_empty() && self.contacts.is_none()
     }
 
     /// Load and mass of a pendulum, without the rigid workspace.
     fn load_pendulum(&self, ws: &mut StepWorkspace, state: &State) -> Result<(), DynamicsError> {
         check("q", &state.q, 1)?;
         check("v", &state.v, 1)?;
-        let pendulum = match &mut ws.pendulum {
-            Some(pendulum) if pendulum.stamp == self.stamp => pendulum,
-            other => other.insert(self.multibody().pendulum(&mut ws.rigid, self.stamp)),
-        };
-        ws.load[0] = -pendulum.gravity(state.q[0])[0];
-        ws.rigid.M[(0, 0)] = pendulum.mass;
+        if ws.pendulum.as_ref().is_none_or(|pendulum| pendulum.stamp != self.stamp) {
+            ws.pendulum = Some(self.multibody().pendulum(&mut ws.rigid, self.stamp));
+            self.prepare_bases(&mut ws.rigid, &mut ws.bases);
+        }
+        if let Some(pendulum) = &mut ws.pendulum {
+            ws.load[0] = -pendulum.gravity_again(state.q[0]);
+            ws.rigid.M[(0, 0)] = pendulum.mass;
+        }
+        self.gather_under_pendulum(state, &mut ws.bases);
         Ok(())
     }
 
@@ -333,12 +340,17 @@ impl System {
         problem.walls.fill([f64::NEG_INFINITY, f64::INFINITY]);
         for joint in self.multibody().joints() {
             if joint.v.len() == 1 {
-                let (k, q) = (joint.v.start, state.q[joint.q.start]);
-                let reach = |room: f64, outside: bool| if outside { room / (RECOVERY_STEPS * dt) } else { room / dt };
-                let [lower, upper] = self.walls[k];
-                problem.walls[k] = [reach(lower - q, q < lower), reach(upper - q, q > upper)];
+                let k = joint.v.start;
+                problem.walls[k] = reach(self.walls[k], state.q[joint.q.start], dt);
             }
         }
+    }
+
+    /// The same for one body alone.
+    fn prepare_pendulum(&self, problem: &mut Problem, q: f64, dt: f64) {
+        problem.before[0] = self.multibody().before[0];
+        problem.coupled = !self.sways.is_empty();
+        problem.walls[0] = reach(self.walls[0], q, dt);
     }
 
     /// Writes the rest of the convex problem of the step about the next velocities `ws.next`.
@@ -367,7 +379,7 @@ impl System {
     /// The step of one body alone, from its load and its mass on: all of it in numbers, not vectors.
     fn step_pendulum(&self, ws: &mut StepWorkspace, state: &mut State, dt: f64) -> Result<(), DynamicsError> {
         self.drive(ws, state, dt);
-        self.prepare(&mut ws.problem, state, dt);
+        self.prepare_pendulum(&mut ws.problem, state.q[0], dt);
         let v = state.v[0];
         let mass = ws.rigid.M[(0, 0)];
         let momentum = mass * v + dt * (ws.tau[0] + ws.load[0]);
@@ -381,6 +393,7 @@ impl System {
             }
             let Row { a, b, dry, .. } = row;
             (ws.problem.A[0], ws.problem.b[0], ws.problem.dry[0]) = (a, b, dry);
+            self.add_bases(ws, state, dt);
             check("the forces of the step", &ws.problem.b, 1)?;
             let answer = ws.problem.slide_single()?;
             if !self.nonlinear {
@@ -404,6 +417,7 @@ impl System {
         if !ws.z.is_empty() {
             let taken = Taken { state, next: &[w], tau: &ws.tau, seen: &ws.seen, load: &ws.load, dt };
             self.advance(&taken, &mut ws.z);
+            self.advance_bases(ws, state, dt);
             check("the next inner states", &ws.z, ws.z.len())?;
             state.z.copy_from_slice(&ws.z);
         }
@@ -411,6 +425,13 @@ impl System {
         state.time += dt;
         Ok(())
     }
+}
+
+/// The velocities with which a joint comes to its limits within a step; from beyond them over several.
+#[inline]
+fn reach([lower, upper]: [f64; 2], q: f64, dt: f64) -> [f64; 2] {
+    let within = |room: f64, outside: bool| if outside { room / (RECOVERY_STEPS * dt) } else { room / dt };
+    [within(lower - q, q < lower), within(upper - q, q > upper)]
 }
 
 /// How far a next velocity is from the one about which its step was written, over its size.

@@ -101,17 +101,27 @@ struct Kept {
 
 impl Kept {
     fn copy_from(&mut self, state: &State, time: f64) {
-        self.q.copy_from_slice(&state.q);
-        self.v.copy_from_slice(&state.v);
-        self.z.copy_from_slice(&state.z);
+        put(&mut self.q, &state.q);
+        put(&mut self.v, &state.v);
+        put(&mut self.z, &state.z);
         self.time = time;
     }
 
     fn give_to(&self, state: &mut State) {
-        state.q.copy_from_slice(&self.q);
-        state.v.copy_from_slice(&self.v);
-        state.z.copy_from_slice(&self.z);
+        put(&mut state.q, &self.q);
+        put(&mut state.v, &self.v);
+        put(&mut state.z, &self.z);
         state.time = self.time;
+    }
+}
+
+/// Copies what is mostly one number or none: a call for each would be a good part of a small step.
+#[inline]
+fn put(into: &mut [f64], from: &[f64]) {
+    match (into, from) {
+        ([into], [from]) => *into = *from,
+        ([], []) => (),
+        (into, from) => into.copy_from_slice(from),
     }
 }
 
@@ -339,7 +349,7 @@ impl Plant {
     /// From row `k` to the next.
     pub fn interval(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize) -> Result<(), GapError> {
         let (start, end) = (trajectory.time[k], trajectory.time[k + 1]);
-        motion.entered.copy_from_slice(&motion.state.v);
+        put(&mut motion.entered, &motion.state.v);
         motion.state.time = start;
         let mut from = start;
         while from < end {
@@ -479,7 +489,7 @@ impl Plant {
             }
             self.system.step(&mut motion.ws, &mut motion.state, &Input { tau: &motion.tau, external: &motion.external }, h)?;
             if begins {
-                motion.delivered.copy_from_slice(motion.ws.reached());
+                put(&mut motion.delivered, motion.ws.reached());
             }
         }
         Ok(())
@@ -568,6 +578,9 @@ impl Plant {
     /// The position that is read on joint `j` at the state's time, by its stamp. Where one of several joints is stamped late, from there by
     /// its velocity and acceleration; where all are, the motion itself goes by the stamps.
     pub fn reading(&self, motion: &Motion, j: usize) -> f64 {
+        if !self.misread[j] {
+            return motion.state.q[j];
+        }
         let reading = self.system.measure(&motion.state, 0.0, j);
         if self.skew.is_some() {
             return reading.position.value;

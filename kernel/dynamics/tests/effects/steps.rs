@@ -318,12 +318,15 @@ fn a_body_alone_steps_as_it_would_in_a_tree() {
         for _ in 0..1 + trial % 3 {
             let effect = &catalogue()[rng.random_range(0..catalogue().len())];
             let d = effect.description();
-            if d.acts == Acts::Base {
-                continue;
-            }
             let parameters: Vec<(&str, f64)> =
                 d.parameters.iter().filter(|p| p.words.is_empty()).map(|p| (p.name, draw(p, 0, &mut rng))).collect();
-            system.add_effect("door", &entry(d.name, Some("hinge"), &parameters)).unwrap();
+            let mut entry = entry(d.name, Some("hinge").filter(|_| d.acts != Acts::Base), &parameters);
+            if d.acts == Acts::Base {
+                for p in d.parameters.iter().filter(|p| !p.words.is_empty()) {
+                    entry.choices.insert(p.name.into(), p.words[rng.random_range(0..p.words.len())].into());
+                }
+            }
+            system.add_effect("door", &entry).unwrap();
         }
         let (mut ws, mut other, mut state) = (system.workspace(), system.workspace(), system.state());
         (state.q[0], state.v[0]) = (rng.random_range(-0.7..0.8), rng.random_range(-2.0..2.0));
