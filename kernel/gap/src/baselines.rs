@@ -312,9 +312,10 @@ impl Search<'_> {
         let (mut squares, mut count) = (0.0, 0.0);
         for trajectory in self.problem.trajectories {
             let y: Vec<f64> = trajectory.positions(j).collect();
-            let width = ((0.1 / trajectory.period()).round() as usize).max(1);
+            let period = trajectory.period();
+            let width = ((0.1 / period).round() as usize).max(1);
             for (a, b) in y.iter().zip(y.iter().skip(width)) {
-                let v = (b - a) / (width as f64 * trajectory.period());
+                let v = (b - a) / (width as f64 * period);
                 if v.is_finite() {
                     squares += v * v;
                     count += 1.0;

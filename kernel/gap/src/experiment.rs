@@ -392,8 +392,9 @@ impl Search<'_> {
 
 fn speeds(trajectory: &Trajectory, j: usize) -> Vec<f64> {
     let y: Vec<f64> = trajectory.positions(j).collect();
-    let width = ((0.05 / trajectory.period()).round() as usize).max(1);
-    let v = y.iter().zip(y.iter().skip(width)).map(|(a, b)| (b - a).abs() / (width as f64 * trajectory.period()));
+    let period = trajectory.period();
+    let width = ((0.05 / period).round() as usize).max(1);
+    let v = y.iter().zip(y.iter().skip(width)).map(|(a, b)| (b - a).abs() / (width as f64 * period));
     v.filter(|v| v.is_finite()).collect()
 }
 

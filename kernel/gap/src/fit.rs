@@ -175,6 +175,11 @@ impl<'a> Problem<'a> {
         if sum > 1.0 { sum } else { 1.0 }
     }
 
+    /// Is first order enough to say where to begin and which way to go?
+    pub fn has_short_rows(&self) -> bool {
+        are_short(self.period)
+    }
+
     /// The same data, stepped to first order: a third of the cost. Where one run is compared with another that was stepped alike, what is
     /// left over cancels.
     pub fn roughly(&self) -> Self {
@@ -276,6 +281,14 @@ const BLOCK: usize = 2048;
 const LAGS: usize = 200;
 /// Fall of the cost beyond which derivatives are not those at the end.
 const FAR: f64 = 1.0;
+
+/// Time between rows up to which steps to first order say where to begin and which way to go, s. Over longer ones a loss alone may stop a joint
+/// within a row, and there are few of them.
+const SHORT_ROWS: f64 = 0.0105;
+
+pub(crate) fn are_short(period: f64) -> bool {
+    period <= SHORT_ROWS
+}
 
 /// How hard a fit tries.
 #[derive(Debug, Clone, Copy)]

@@ -7,7 +7,7 @@ use sagci_model::{JointKind, ObjectModel};
 
 use crate::GapError;
 use crate::find::Options;
-use crate::fit::Fit;
+use crate::fit::{Fit, are_short};
 use crate::hypothesis::Hypothesis;
 use crate::memory::Memory;
 use crate::noise;
@@ -115,8 +115,19 @@ pub(crate) struct Started<'a> {
 impl Started<'_> {
     /// Errors of each window with a hypothesis at `x`, in shares of the joints' ranges: see [`Smoothed::errors`].
     pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<Vec<DVector<f64>>, GapError> {
-        let Measure { data, ranges, window, limits, .. } = self.measure;
-        Ok(self.smoothed.errors(&hypothesis.plant(x, limits, STEP)?, data, *window, ranges))
+        Ok(self.errors_of(&hypothesis.plant(x, self.measure.limits, STEP)?))
+    }
+
+    /// The same to be compared with one another: in steps to first order where rows are short, since what these leave over cancels.
+    pub fn rough_errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<Vec<DVector<f64>>, GapError> {
+        let mut plant = hypothesis.plant(x, self.measure.limits, STEP)?;
+        plant.rough = self.measure.data.first().is_some_and(|t| are_short(t.period()));
+        Ok(self.errors_of(&plant))
+    }
+
+    fn errors_of(&self, plant: &Plant) -> Vec<DVector<f64>> {
+        let Measure { data, ranges, window, .. } = self.measure;
+        self.smoothed.errors(plant, data, *window, ranges)
     }
 }
 

@@ -239,7 +239,7 @@ fn columns(started: &Started<'_>, hypothesis: &Hypothesis) -> Result<Vec<Vec<DVe
         let at = |x: f64| {
             let mut moved = hypothesis.x.clone();
             moved[p] = x;
-            started.errors(hypothesis, &moved)
+            started.rough_errors(hypothesis, &moved)
         };
         Ok(at(low)?.iter().zip(&at(high)?).map(|(l, h)| (h - l) / (high - low)).collect())
     };

@@ -205,21 +205,17 @@ impl<'a> Search<'a> {
     /// The same of effects with so many numbers at the most. What cannot be hoped to gain so much evidence is not followed far.
     pub fn stage_within(&self, base: &Fit, scale: f64, most: usize, gain: f64) -> Result<Vec<Candidate>, GapError> {
         let views = self.views(base, scale)?;
-        let mut all = match self.part(scale) {
-            None if self.problem.step < STEP => {
-                let light = self.over(self.problem.trajectories).roughly();
-                let there = base.under(&light.problem)?;
-                let screened = self.screen(base, &views, scale, most)?;
-                self.ended(base, self.begun_lightly(base, &views, (&light, &there), screened, scale, gain), scale, gain)
-            }
-            None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
-            Some(part) if !self.many_joints() => {
-                let light = self.over(&part.trajectories).roughly();
-                let there = part.of(&light, base)?;
+        let part = self.part(scale);
+        let rough = self.problem.has_short_rows();
+        let mut all = match &part {
+            _ if !self.many_joints() && (rough || part.is_some() || self.problem.step < STEP) => {
+                let light = self.over(part.as_ref().map_or(self.problem.trajectories, |part| &part.trajectories)).lightly(rough);
+                let there = part.as_ref().map_or_else(|| base.under(&light.problem), |part| part.of(&light, base))?;
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
                 self.ended(base, self.begun_lightly(base, &views, (&light, &there), screened, scale, gain), scale, gain)
             }
+            None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
             Some(part) => {
                 let light = self.over(&part.trajectories);
                 let base_there = part.of(&light, base)?;
@@ -250,9 +246,9 @@ impl<'a> Search<'a> {
         Ok(all)
     }
 
-    /// The same in steps that are no shorter than need be where nothing is known yet.
-    fn roughly(mut self) -> Self {
-        self.problem.step = STEP;
+    /// The same in steps that are no shorter than need be where nothing is known yet, and to first order where that does.
+    fn lightly(mut self, rough: bool) -> Self {
+        (self.problem.step, self.problem.rough) = (STEP, rough);
         self
     }
 

@@ -110,7 +110,7 @@ impl<'a> Search<'a> {
     pub fn settle(&self, fit: &Fit, scale: f64) -> Fit {
         let anew = || {
             let known = self.known_columns(fit)?;
-            let begin = Derivatives { frozen: known.as_deref(), ..Derivatives::FRESH };
+            let begin = Derivatives { frozen: known.as_deref(), roughly: self.problem.has_short_rows(), kept: false };
             Ok::<Fit, GapError>(self.judge(fit.clone().finish(&self.problem, scale, begin, Effort::to_the_end(f64::NEG_INFINITY))?))
         };
         anew().unwrap_or_else(|_| fit.clone())
