@@ -234,25 +234,33 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
     let mut over: Vec<(Window, f64)> = ranked.iter().take(WINDOWS).map(|(_, w)| (*w, 1.0)).collect();
     let others: Vec<Window> = ranked.iter().skip(WINDOWS).step_by(rest.div_ceil(WINDOWS).max(1)).map(|(_, w)| *w).collect();
     over.extend(others.iter().map(|w| (*w, rest as f64 / others.len() as f64)));
+    // Over a quarter of a window nothing has fallen yet.
+    let short: Vec<(Window, f64)> = over.iter().map(|((r, from, to), weight)| ((*r, *from, from + (to - from) / 4), *weight)).collect();
 
     // Every fifth tick is looked at, and windows overlap by half.
     let (effort, velocity, range) = problem.scale;
     let snr = |square: f64| (square * 2.5 / variance).sqrt();
     let moving: Vec<usize> = problem.body.moving_joints().collect();
     let joint = &problem.body.joints[moving[problem.joint]];
-    let fit = |names: &[&str], rounds: usize| -> Result<f64, EvaluationError> {
-        let known =
-            |step: f64, most: f64, open: bool| Unknown { step: if open { step } else { 0.0 }, lower: -most, upper: most, start: 0.0 };
+    let fit = |names: &[&str], rounds: usize, over: &[(Window, f64)], begin: Option<&[f64]>| -> Result<(f64, Vec<f64>), EvaluationError> {
+        let known = |step: f64, [lower, upper]: [f64; 2], open: bool| {
+            let [lower, upper] = [lower.min(0.0), upper.max(0.0)];
+            Unknown { step: if open { step } else { 0.0 }, lower, upper, start: 0.0 }
+        };
+        // Tolerances are about what the model states: the truth may lie at the end of one, with twice the room on its other side.
+        let [given, true_one] = [problem.known, problem.body].map(|m| &m.links[joint.child].inertial);
+        let mass = [0.98, 1.02].map(|factor| factor * given.mass / true_one.mass - 1.0);
+        let centre = |k: usize| [-0.005, 0.005].map(|room| given.p_LoLcm[k] - true_one.p_LoLcm[k] + room);
         let turns = joint.kind != sagci_model::JointKind::Prismatic;
         // What lies along the axis turns nothing.
         let across = |k: usize| turns && joint.axis[k].abs() < 0.9;
         let mut unknown = vec![
-            known(0.01, 0.02, true),
-            known(0.002, 0.005, across(0)),
-            known(0.002, 0.005, across(1)),
-            known(0.002, 0.005, across(2)),
-            known(0.05, 1.0, joint.damping > 0.0),
-            known(0.05, 1.0, joint.friction > 0.0),
+            known(0.01, mass, true),
+            known(0.002, centre(0), across(0)),
+            known(0.002, centre(1), across(1)),
+            known(0.002, centre(2), across(2)),
+            known(0.05, [-1.0, 1.0], joint.damping > 0.0),
+            known(0.05, [-1.0, 1.0], joint.friction > 0.0),
         ];
         for name in names {
             let (size, lower) = match *name {
@@ -269,9 +277,9 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
         let free: Vec<usize> = (0..unknown.len()).filter(|&k| unknown[k].step > 0.0).collect();
         let evaluate = |x: &[f64]| -> Result<DVector<f64>, EvaluationError> {
             let mut plant = hypothesis(problem, names, x, longest)?;
-            Ok(DVector::from_vec(errors(problem, &mut plant, &over)))
+            Ok(DVector::from_vec(errors(problem, &mut plant, over)))
         };
-        let mut x: Vec<f64> = unknown.iter().map(|u| u.start).collect();
+        let mut x: Vec<f64> = begin.map_or_else(|| unknown.iter().map(|u| u.start).collect(), <[f64]>::to_vec);
         let mut r = evaluate(&x)?;
         for _ in 0..rounds {
             let mut J = DMatrix::zeros(r.len(), free.len());
@@ -288,7 +296,7 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
             }
             let before = r.norm_squared();
             let mut gained = 0.0;
-            for damping in [0.0, 1e-3, 1e-2, 0.1, 1.0] {
+            for damping in [0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3] {
                 let mut damped = H.clone();
                 for k in 0..free.len() {
                     damped[(k, k)] *= 1.0 + damping;
@@ -312,12 +320,14 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
                 break;
             }
         }
-        Ok(r.norm_squared())
+        Ok((r.norm_squared(), x))
     };
-    let known = fit(&[], 2)?;
+    // Where a joint may fall either way, whole windows have a valley for each: their beginnings say in which the known belongs.
+    let near = fit(&[], 15, &short, None)?.1;
+    let known = fit(&[], 15, &over, None)?.0.min(fit(&[], 15, &over, Some(&near))?.0);
     let mut beyond = known;
     for names in neighbours(problem.entry) {
-        beyond = beyond.min(fit(names, 15)?);
+        beyond = beyond.min(fit(names, 15, &over, None)?.0);
     }
     let rms = (plain.iter().map(|e| e * e).sum::<f64>() / plain.len().max(1) as f64).sqrt();
     Ok(Detectability { rms, snr: snr(known), snr_beyond_neighbours: snr(beyond) })
