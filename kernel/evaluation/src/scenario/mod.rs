@@ -4,11 +4,13 @@ mod asked;
 mod bench;
 mod excitation;
 mod priors;
+mod programme;
+mod secret;
 mod stage;
 
 use std::collections::BTreeMap;
 
-use sagci_model::{EffectEntry, JointKind, ObjectModel};
+use sagci_model::{EffectEntry, ObjectModel};
 use sagci_recording::Log;
 use serde::{Deserialize, Serialize};
 
@@ -19,9 +21,10 @@ use crate::plant::{Mechanism, Plant, Rigid, RungeKutta};
 use crate::random::{Random, number_of};
 use crate::simulate::Run;
 pub use bench::Bench;
-use bench::{Engine, Hand, Leads, Sensors, position_noise};
-use excitation::{Family, Reference};
+use bench::{Engine, Hand, Sensors, position_noise};
 use priors::Scale;
+use programme::{Plan, Programme};
+use secret::{Secret, extent};
 pub(crate) use stage::Driving;
 use stage::{Kind, Losses, Stage};
 
@@ -161,26 +164,13 @@ pub fn draw(id: &RunId, seed: u64, arm: Option<&ObjectModel>) -> Result<Scenario
     Err(EvaluationError::NoScenario { id: id.to_string(), message: last })
 }
 
-/// One trajectory's plan.
-struct Plan {
-    family: Family,
-    references: Vec<Reference>,
-    time: Vec<f64>,
-}
-
-impl Plan {
-    fn carried_out(&self, plant: &mut dyn Plant, hand: &Hand<'_>) -> Result<Run, EvaluationError> {
-        let leads: Vec<&dyn Leads> = self.references.iter().map(|r| r as &dyn Leads).collect();
-        hand.lead(plant, &self.time, &leads)
-    }
-}
-
-fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random) -> Result<Option<Scenario>, EvaluationError> {
-    let level = id.level.clamp(1, 3) - 1;
-    let names = choose_effects(id, &mut rng);
-    let telling = rng.chance(0.6);
-
-    // The mechanism.
+/// The mechanism on which it can be shown; none where there is no such.
+fn staged(
+    id: &RunId,
+    names: &[&'static str],
+    arm: Option<&ObjectModel>,
+    rng: &mut Random,
+) -> Result<Option<(Kind, Stage)>, EvaluationError> {
     let kinds: Vec<Kind> = match (id.kind, names.first()) {
         (RunKind::Arm, _) => vec![Kind::Arm],
         (_, None) => vec![Kind::Door, Kind::Drawer, Kind::OvenDoor, Kind::Pendulum, Kind::ServoLink, Kind::PlanarArm],
@@ -194,10 +184,10 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
     let losses = if id.kind == RunKind::Clean && rng.chance(0.7) {
         Losses { damping: Some(true), friction: Some(rng.chance(0.6)) }
     } else {
-        priors::losses(&names)
+        priors::losses(names)
     };
     let servo = names.iter().all(|n| priors::allows_servo(n)) && rng.chance(0.4);
-    let Some(mut stage) = Stage::draw(kind, losses, servo, arm, &mut rng) else {
+    let Some(mut stage) = Stage::draw(kind, losses, servo, arm, rng) else {
         return Err(EvaluationError::Model { message: "a run with an arm needs a model of one".into() });
     };
     if stage.driving == Driving::Hand && kind == Kind::Pendulum && names.iter().any(|n| priors::needs_command(n)) {
@@ -208,156 +198,36 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         stage.known.document.actuators.clone_from(&drives);
         stage.body.document.actuators = drives;
     }
+    Ok(Some((kind, stage)))
+}
+
+fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random) -> Result<Option<Scenario>, EvaluationError> {
+    let level = id.level.clamp(1, 3) - 1;
+    let names = choose_effects(id, &mut rng);
+    let telling = rng.chance(0.6);
+
+    let Some((kind, stage)) = staged(id, &names, arm, &mut rng)? else { return Ok(None) };
     let moving: Vec<usize> = stage.known.moving_joints().collect();
     let n = moving.len();
-
-    // How it is moved.
-    let mut families: Vec<Family> = Family::ALL.to_vec();
-    if matches!(stage.driving, Driving::Servo { .. }) || kind == Kind::Arm || kind == Kind::PlanarArm {
-        families.retain(|f| !matches!(f, Family::Pushes | Family::FreeDecay));
-    }
-    rng.shuffle(&mut families);
-    let mut wanted: Vec<Family> = Vec::new();
-    if telling {
-        for name in &names {
-            wanted.extend(priors::telling(name).iter().filter(|f| families.contains(f)));
-        }
-    }
-    wanted.push(Family::Ramp);
-    // The held-out family is one that training lacks.
-    let held_family = families.iter().copied().find(|f| !wanted.contains(f)).unwrap_or(Family::Sines);
-    wanted.extend(families.iter().copied().filter(|f| *f != held_family));
-    let mut seen: Vec<Family> = Vec::new();
-    for family in wanted {
-        if family != held_family && (seen.len() < 5) && !seen.contains(&family) {
-            seen.push(family);
-        }
-    }
-    rng.shuffle(&mut seen);
-    let rate = if rng.chance(0.6) { 200.0 } else { rng.pick(&[100.0, 125.0, 250.0, 400.0]).unwrap_or(200.0) };
-    let jitter = if rng.chance(0.3) { rng.between(0.05, 0.25) } else { 0.0 };
-    let missing = if rng.chance(0.3) { rng.scale(0.003, 0.03) } else { 0.0 };
-    let session = names.iter().any(|n| matches!(*n, "thermal_wear" | "sensor_drift")) || rng.chance(0.4);
-    let follow = if names.contains(&"joint_elasticity") || names.contains(&"unmodelled_mode") {
-        rng.between(3.0, 4.5)
-    } else {
-        rng.between(9.0, 16.0)
-    };
-    let duration = 40.0 / seen.len() as f64;
-    let mut start_of = 0.0;
-    let plan = |family: Family, duration: f64, from: &mut f64, rng: &mut Random| {
-        let references = stage.range.iter().map(|r| Reference::draw(family, *r, duration, follow, rng)).collect();
-        let dt = 1.0 / rate;
-        let count = (duration * rate).round() as usize + 1;
-        let mut time: Vec<f64> =
-            (0..count).map(|k| k as f64 * dt + if k > 0 { jitter * dt * rng.between(-0.5, 0.5) } else { 0.0 }).collect();
-        // A sample that was never taken: its input lasts until the next.
-        let mut k = 0;
-        time.retain(|_| {
-            k += 1;
-            k <= 2 || !rng.chance(missing)
-        });
-        time.iter_mut().for_each(|t| *t += *from);
-        if session {
-            *from += duration + 1.0;
-        }
-        Plan { family, references, time }
-    };
-    let train: Vec<Plan> = seen.iter().map(|f| plan(*f, duration, &mut start_of, &mut rng)).collect();
-    let session_length = if session { start_of } else { duration };
-    start_of = 0.0;
-    let held: Vec<Plan> = (0..2).map(|_| plan(held_family, 6.0, &mut start_of, &mut rng)).collect();
+    let programme = Programme::draw(&names, telling, kind, &stage, &mut rng);
 
     // What the mechanism does without the effect, and an effect of a size to match.
     let known = Rigid::new(&stage.known)?;
     let hand = Hand { driving: stage.driving, known: &known, most: None };
-    let mut bare = RungeKutta::new(Mechanism::new(&stage.body, &[])?, if kind == Kind::Arm { 4e-3 } else { 1e-3 })?;
-    let mut scales = Vec::new();
-    {
-        let runs: Vec<Run> = train.iter().map(|p| p.carried_out(&mut bare, &hand)).collect::<Result<_, _>>()?;
-        let mass = known.at(&vec![0.0; n], &vec![0.0; n]).0;
-        for j in 0..n {
-            let root = |x: &dyn Fn(&Run, usize) -> f64| {
-                let all: Vec<f64> = runs.iter().flat_map(|r| (0..r.time.len()).map(move |k| (r, k))).map(|(r, k)| x(r, k)).collect();
-                let mut sizes: Vec<f64> = all.iter().map(|x| x.abs()).collect();
-                sizes.sort_by(f64::total_cmp);
-                let most = sizes.get(sizes.len() * 49 / 50).copied().unwrap_or(0.0);
-                ((all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt(), most)
-            };
-            let (effort, most) = root(&|r, k| r.delivered[k][j]);
-            let (velocity, _) = root(&|r, k| r.v[k][j]);
-            let (low, high) = extent(&runs, j);
-            let child = &stage.known.links[stage.known.joints[moving[j]].child].inertial;
-            let joint = &stage.known.joints[moving[j]];
-            scales.push(Scale {
-                effort,
-                most,
-                velocity: velocity.max(1e-6),
-                range: [low, high],
-                inertia: mass[(j, j)],
-                mass: child.mass.max(0.05),
-                length: child.p_LoLcm.coords.norm().max(0.03) * 1.6,
-                turns: joint.kind != JointKind::Prismatic,
-                axis: joint.axis.into_inner().into(),
-                session: session_length,
-            });
-        }
-        if scales.iter().any(|s| s.effort <= 0.0 || s.range[1] - s.range[0] < 1e-3) {
-            return Ok(None);
-        }
-    }
-    let joint_of = |name: &str, rng: &mut Random| -> usize {
-        match name {
-            // What an axis is off by shows where gravity pulls across it, so on any joint of a plane.
-            _ if n == 1 => 0,
-            "payload" => n - 1 - rng.index(2.min(n)),
-            _ => rng.index(n),
-        }
-    };
-    let mut entries: Vec<EffectEntry> = Vec::new();
-    let mut joints: Vec<usize> = Vec::new();
-    let mut outside = None;
-    for name in &names {
-        let j = if joints.is_empty() { joint_of(name, &mut rng) } else { joints[0] };
-        let joint = &stage.known.joints[moving[j]].name;
-        if OUTSIDE.contains(name) {
-            let Some((term, numbers)) = priors::draw_outside(name, &scales[j], &mut rng) else { return Ok(None) };
-            outside = Some((j, term));
-            entries.push(EffectEntry { effect: (*name).into(), joint: Some(joint.clone()), parameters: numbers, ..EffectEntry::default() });
-        } else {
-            let Some(entry) = priors::draw(name, joint, &scales[j], level, &mut rng) else { return Ok(None) };
-            entries.push(entry);
-        }
-        joints.push(j);
-    }
+    let mut bare = RungeKutta::new(Mechanism::new(&stage.body, &[])?, longest_step(kind))?;
+    let runs = programme.train.iter().map(|p| p.carried_out(&mut bare, &hand)).collect::<Result<Vec<Run>, _>>()?;
+    let Some(scales) = secret::scales(&stage.known, &known, &runs, programme.lasts) else { return Ok(None) };
+    let Some(secret) = Secret::draw(&names, &stage.known, &scales, level, &mut rng) else { return Ok(None) };
 
     // The true motion.
-    let make = |entries: &[EffectEntry]| -> Result<Mechanism, EvaluationError> {
-        let mut mechanism = Mechanism::new(&stage.body, entries)?;
-        if let Some((j, term)) = &outside {
-            mechanism.joints[*j].terms.push(term.clone());
-        }
-        Ok(mechanism)
-    };
-    let inside_catalogue: Vec<EffectEntry> = entries.iter().filter(|e| CATALOGUE.contains(&e.effect.as_str())).cloned().collect();
-    let by_rapier = rng.chance(0.6);
-    const STIFF: [&str; 5] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "loose_mass"];
-    let stiff = names.iter().any(|n| STIFF.contains(n));
-    let step = match (kind, by_rapier) {
-        _ if stiff => rng.between(1.2e-4, 2e-4),
-        (Kind::Arm, true) => 5e-4,
-        (Kind::Arm, false) => 2e-3,
-        (_, true) => rng.between(2.5e-4, 5e-4),
-        (_, false) => rng.between(2e-4, 5e-4),
-    };
-    let engine = Engine { by_rapier, step };
-    let mechanism = make(&inside_catalogue)?;
+    let engine = engine_for(kind, &names, &mut rng);
+    let mechanism = secret.put_into(&stage.body)?;
     let mut plant = engine.plant(mechanism.clone())?;
     let run_all = |plans: &[Plan], plant: &mut dyn Plant| -> Result<Vec<Run>, EvaluationError> {
         plans.iter().map(|p| p.carried_out(plant, &hand)).collect()
     };
-    let train_runs = run_all(&train, plant.as_mut())?;
-    let held_runs = run_all(&held, plant.as_mut())?;
+    let train_runs = run_all(&programme.train, plant.as_mut())?;
+    let held_runs = run_all(&programme.held_out, plant.as_mut())?;
     for (j, &joint) in moving.iter().enumerate() {
         let limits = stage.known.joints[joint].limits;
         let all: Vec<f64> = train_runs.iter().chain(&held_runs).flat_map(|r| r.q.iter().chain(&r.position)).map(|q| q[j]).collect();
@@ -380,58 +250,31 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         driving: stage.driving,
         noise: [position_noise, effort_noise],
         with_velocity: rng.chance(0.35),
-        with_effort: stage.driving != Driving::Hand
-            && (rng.chance(0.25) || entries.iter().any(|e| e.choices.get("of").is_some_and(|w| w == "effort"))),
+        with_effort: stage.driving != Driving::Hand && (rng.chance(0.25) || secret.is_of_efforts()),
         physics: mechanism.joints[mechanism.base..].to_vec(),
     };
     let log = |runs: &[Run], word: &str, rng: &mut Random| -> Vec<Log> {
-        runs.iter().enumerate().map(|(i, r)| sensors.log(r, &format!("{word}_{}", i + 1), session && i > 0, rng)).collect()
+        runs.iter().enumerate().map(|(i, r)| sensors.log(r, &format!("{word}_{}", i + 1), programme.in_session && i > 0, rng)).collect()
     };
     let given =
         Given { model: stage.known.clone(), train: log(&train_runs, "train", &mut rng), held_out: log(&held_runs, "held_out", &mut rng) };
 
     // What can be known.
-    let gravity = kind.feels_gravity();
-    let drifts: Vec<[f64; 2]> = sensors.physics.iter().map(|s| s.sensor.effort_drift).collect();
-    let mut hidden = Vec::new();
-    for (k, entry) in entries.iter().enumerate() {
-        let j = joints[k];
-        let slow = entry.parameters.get("stribeck_velocity").map_or(1.0, |vs| slow_share(&train_runs, j, *vs));
-        let at = Circumstances { joints: n, turns: scales[j].turns, range: ranges[j], gravity, slow };
-        let others: Vec<EffectEntry> = inside_catalogue.iter().filter(|e| e.effect != entry.effect).cloned().collect();
-        let problem = oracle::Problem {
-            body: &stage.body,
-            others: &others,
-            entry: &entry.effect,
-            joint: j,
-            scale: (scales[j].effort, scales[j].velocity, scales[j].range),
-            runs: &train_runs,
-            readings: sensors.noise.each_ref().map(Vec::as_slice),
-            effort_is_measured: stage.driving == Driving::Hand,
-            known: &stage.known,
-            effort_drift: &drifts,
-        };
-        hidden.push(Hidden {
-            entry: entry.clone(),
-            indistinguishable: indistinguishable(entry, &at).into_iter().map(str::to_owned).collect(),
-            detectability: oracle::detect(&problem)?,
-        });
-    }
+    let hidden = told(&secret, (&stage, kind), &sensors, &train_runs, &scales)?;
     let oracle_gap = {
-        let mut truth = RungeKutta::new(make(&inside_catalogue)?, if kind == Kind::Arm { 4e-3 } else { 1e-3 })?;
+        let mut truth = RungeKutta::new(secret.put_into(&stage.body)?, longest_step(kind))?;
         oracle::gap(&mut truth, &held_runs, &given.held_out, &moving, &stage.known, &ranges, stage.driving == Driving::Hand)
     };
-    let word = |plans: &[Plan]| plans.iter().map(|p| p.family.word().to_owned()).collect();
     let truth = SealedTruth {
         id: id.clone(),
         seed,
         hidden,
         mechanism: kind.word().into(),
-        engine: if by_rapier { "rapier" } else { "runge_kutta" }.into(),
-        step,
+        engine: if engine.by_rapier { "rapier" } else { "runge_kutta" }.into(),
+        step: engine.step,
         joints: sensors.joints.clone(),
         ranges,
-        families: [word(&train), word(&held)],
+        families: programme.words(),
         noise: sensors.noise.clone(),
         known_losses: moving.iter().map(|&j| &stage.body.joints[j]).map(|j| (j.name.clone(), [j.damping, j.friction])).collect(),
         oracle_gap,
@@ -446,14 +289,65 @@ fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random)
         mechanism,
         engine,
         sensors,
-        rate,
-        follow,
+        rate: programme.rate,
+        follow: programme.follow,
     };
     Ok(Some(Scenario { given, truth, bench }))
 }
 
-fn extent(runs: &[Run], j: usize) -> (f64, f64) {
-    runs.iter().flat_map(|r| &r.q).fold((f64::MAX, f64::MIN), |(low, high), q| (low.min(q[j]), high.max(q[j])))
+/// The engine that moves the true mechanism, and its step: what is stiff asks for short ones.
+fn engine_for(kind: Kind, names: &[&str], rng: &mut Random) -> Engine {
+    let by_rapier = rng.chance(0.6);
+    const STIFF: [&str; 5] = ["backlash", "hard_stop", "presliding_hysteresis", "joint_elasticity", "loose_mass"];
+    let stiff = names.iter().any(|n| STIFF.contains(n));
+    let step = match (kind, by_rapier) {
+        _ if stiff => rng.between(1.2e-4, 2e-4),
+        (Kind::Arm, true) => 5e-4,
+        (Kind::Arm, false) => 2e-3,
+        (_, true) => rng.between(2.5e-4, 5e-4),
+        (_, false) => rng.between(2e-4, 5e-4),
+    };
+    Engine { by_rapier, step }
+}
+
+/// Longest step in which a mechanism without anything hidden, or the truth for comparison, is moved, s.
+fn longest_step(kind: Kind) -> f64 {
+    if kind == Kind::Arm { 4e-3 } else { 1e-3 }
+}
+
+/// What is hidden, and how well it shows in what was recorded.
+fn told(
+    secret: &Secret,
+    (stage, kind): (&Stage, Kind),
+    sensors: &Sensors,
+    runs: &[Run],
+    scales: &[Scale],
+) -> Result<Vec<Hidden>, EvaluationError> {
+    let drifts: Vec<[f64; 2]> = sensors.physics.iter().map(|s| s.sensor.effort_drift).collect();
+    let one = |(entry, &j): (&EffectEntry, &usize)| {
+        let slow = entry.parameters.get("stribeck_velocity").map_or(1.0, |vs| slow_share(runs, j, *vs));
+        let (low, high) = extent(runs, j);
+        let at = Circumstances { joints: scales.len(), turns: scales[j].turns, range: high - low, gravity: kind.feels_gravity(), slow };
+        let others: Vec<EffectEntry> = secret.of_catalogue().filter(|e| e.effect != entry.effect).cloned().collect();
+        let problem = oracle::Problem {
+            body: &stage.body,
+            others: &others,
+            entry: &entry.effect,
+            joint: j,
+            scale: (scales[j].effort, scales[j].velocity, scales[j].range),
+            runs,
+            readings: sensors.noise.each_ref().map(Vec::as_slice),
+            effort_is_measured: stage.driving == Driving::Hand,
+            known: &stage.known,
+            effort_drift: &drifts,
+        };
+        Ok(Hidden {
+            entry: entry.clone(),
+            indistinguishable: indistinguishable(entry, &at).into_iter().map(str::to_owned).collect(),
+            detectability: oracle::detect(&problem)?,
+        })
+    };
+    secret.entries.iter().zip(&secret.joints).map(one).collect()
 }
 
 /// Share of the moving samples below twice a velocity.
