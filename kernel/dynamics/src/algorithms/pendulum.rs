@@ -84,7 +84,7 @@ impl Pendulum {
         self.gravity.at(q)
     }
 
-    /// Gravity's effort, if it is not the one that was asked for last.
+    /// Gravity's effort, kept until another position is asked for.
     #[inline]
     pub fn gravity_again(&mut self, q: f64) -> f64 {
         match self.last {
