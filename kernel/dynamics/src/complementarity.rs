@@ -323,23 +323,15 @@ impl Problem {
     fn hold(&mut self) {
         self.free.clear();
         for k in 0..self.n {
-            self.held[k] = self.holds(k);
-            if self.held[k] == Held::Free {
+            let (v, [lower, upper]) = (self.v[k], self.walls[k]);
+            self.held[k] = if v <= lower || v >= upper {
+                Held::AtLimit
+            } else if v == 0.0 && self.dry[k] != [0.0; 2] {
+                Held::Stuck
+            } else {
                 self.free.push(k);
-            }
-        }
-    }
-
-    /// What holds a coordinate where it stands.
-    #[inline]
-    fn holds(&self, k: usize) -> Held {
-        let (v, [lower, upper]) = (self.v[k], self.walls[k]);
-        if v <= lower || v >= upper {
-            Held::AtLimit
-        } else if v == 0.0 && self.dry[k] != [0.0; 2] {
-            Held::Stuck
-        } else {
-            Held::Free
+                Held::Free
+            };
         }
     }
 

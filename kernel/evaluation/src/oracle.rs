@@ -249,8 +249,9 @@ pub(crate) fn detect(problem: &Problem) -> Result<Detectability, EvaluationError
         };
         // Tolerances are about what the model states: the truth may lie at the end of one, with twice the room on its other side.
         let [given, true_one] = [problem.known, problem.body].map(|m| &m.links[joint.child].inertial);
-        let mass = [0.98, 1.02].map(|factor| factor * given.mass / true_one.mass - 1.0);
-        let centre = |k: usize| [-0.005, 0.005].map(|room| given.p_LoLcm[k] - true_one.p_LoLcm[k] + room);
+        let tolerance = problem.known.document.refit_tolerance;
+        let mass = [-1.0, 1.0].map(|side| (1.0 + side * tolerance.mass) * given.mass / true_one.mass - 1.0);
+        let centre = |k: usize| [-1.0, 1.0].map(|side| given.p_LoLcm[k] - true_one.p_LoLcm[k] + side * tolerance.center_of_mass);
         let turns = joint.kind != sagci_model::JointKind::Prismatic;
         // What lies along the axis turns nothing.
         let across = |k: usize| turns && joint.axis[k].abs() < 0.9;

@@ -201,6 +201,7 @@ fn staged(
     Ok(Some((kind, stage)))
 }
 
+/// One draw; none where it leaves the joints' limits or stands still.
 fn attempt_at(id: &RunId, seed: u64, arm: Option<&ObjectModel>, mut rng: Random) -> Result<Option<Scenario>, EvaluationError> {
     let level = id.level.clamp(1, 3) - 1;
     let names = choose_effects(id, &mut rng);
