@@ -21,6 +21,7 @@ use sagci_model::JointKind;
 
 use crate::GapError;
 use crate::fit::{Derivatives, Effort, Fit, Problem};
+use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::hypothesis::{Fitted, Hypothesis, Knob};
 use crate::remainder;
@@ -34,7 +35,7 @@ const LEAST_PLACE: f64 = 0.05;
 /// Spread of the logarithm of a drive's number, or of friction, in the free refit.
 const FREE: f64 = 3.0;
 
-/// Share of the errors' squares that is no progress in the free refit of an arm, where one round is seconds.
+/// Share of the errors' squares that is no progress, where one round is seconds of an arm's: in its free refit, and from pass to pass.
 const TRIFLE: f64 = 1e-2;
 
 /// Terms of the regression: effect, its parameters at a coefficient of one, whether the coefficient may be negative.
@@ -57,11 +58,11 @@ const PASSES: usize = 4;
 const MOST: usize = 3;
 
 /// The pooled gap of each other way that changes the model. One that cannot be simulated is left out. Where the answer's numbers are fitted
-/// over windows, of this measure, those of the free refit are, too.
+/// over windows, of this measure, those of the free refit are, too. The refitted model comes with the forces that it lacks, the most evident first.
 pub(crate) fn baselines(
     search: &Search<'_>,
     measure: &Measure<'_>,
-    refitted: &Fit,
+    (refitted, lacking): (&Fit, &[(usize, Nameless)]),
     scale: f64,
     seed: u64,
     over_windows: Option<&Measure<'_>>,
@@ -75,10 +76,10 @@ pub(crate) fn baselines(
                 measure.pooled(&over.map_or(free, |f| f.fit).hypothesis, None)
             }
             "learned_residual" => {
-                let residual = remainder::learn(search, refitted, scale, seed)?;
+                let residual = remainder::learn(search, refitted, lacking, scale, seed)?;
                 measure.pooled(&refitted.hypothesis, residual.as_ref())
             }
-            _ => measure.pooled(&sparse_regression(search, refitted, scale)?, None),
+            _ => measure.pooled(&sparse_regression(search, (refitted, lacking), scale)?, None),
         }
     };
     let found: Vec<(String, f64)> = ways.par_iter().filter_map(|way| Some(((*way).to_owned(), gap(way).ok()?))).collect();
@@ -130,7 +131,8 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     if search.many_joints() {
         let search = Search { problem, ..search.clone() };
         let Some(part) = search.part(scale) else { return search.in_response(hypothesis, scale, TRIFLE) };
-        let begun = search.over(&part.trajectories).in_response(hypothesis, scale, TRIFLE)?;
+        let light = search.over(&part.trajectories).lightly(search.problem.has_short_rows());
+        let begun = light.in_response(hypothesis, scale, TRIFLE)?;
         return search.in_response(begun.hypothesis, scale, TRIFLE);
     }
     let start = Fit::start(&problem, hypothesis)?;
@@ -151,27 +153,29 @@ struct Term {
 }
 
 /// The model with what sparse regression finds.
-pub(crate) fn sparse_regression(search: &Search<'_>, refitted: &Fit, scale: f64) -> Result<Hypothesis, GapError> {
-    let worst = worst(search, refitted, scale)?;
+pub(crate) fn sparse_regression(
+    search: &Search<'_>,
+    (refitted, lacking): (&Fit, &[(usize, Nameless)]),
+    scale: f64,
+) -> Result<Hypothesis, GapError> {
+    let worst: Vec<usize> = lacking.iter().take(MOST).map(|(joint, _)| *joint).collect();
     let mut at = refitted.clone();
     let mut coefficients = vec![[0.0; TERMS.len()]; search.names.len()];
     for pass in 0..PASSES {
         let Some(hypothesis) = regress(search, refitted, &at, &worst, &mut coefficients, scale)? else { break };
         match Fit::start(&search.problem, hypothesis) {
-            Ok(next) => at = Fit { jacobian: refitted.jacobian.clone(), ..next },
+            Ok(next) => {
+                let (before, after) = (at.squares, next.squares);
+                at = Fit { jacobian: refitted.jacobian.clone(), ..next };
+                if (before - after).abs() < TRIFLE * before {
+                    break;
+                }
+            }
             Err(_) if pass > 0 => break,
             Err(e) => return Err(e),
         }
     }
     Ok(at.hypothesis)
-}
-
-/// Joints that lack a force most.
-fn worst(search: &Search<'_>, fit: &Fit, scale: f64) -> Result<Vec<usize>, GapError> {
-    let each = search.nameless_by_joint(fit, scale)?.into_iter().enumerate();
-    let mut found: Vec<(f64, usize)> = each.filter_map(|(j, n)| Some((n?.evidence, j))).collect();
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    Ok(found.into_iter().take(MOST).map(|(_, j)| j).collect())
 }
 
 /// One pass: terms along the motion of the fit `at`, which has the coefficients that come in. None where nothing can be solved.

@@ -139,8 +139,9 @@ impl<'a> Climb<'a> {
         let Self { search, scale, .. } = self;
         let scale = *scale;
         // A plainer name that leaves a force over gives way to the likeliest, if that does not.
-        if let ([_], true) = (self.chosen.as_slice(), search.leaves_a_force(&self.current, scale)?)
-            && let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
+        if let ([_], Some(passed)) = (self.chosen.as_slice(), self.passed.take())
+            && search.leaves_a_force(&self.current, scale)?
+            && let Some((instead, alone)) = search.likeliest_alone(passed, scale)
             && let gain = search.evidence(&alone, scale) - search.evidence(&self.current, scale)
             && gain > CONVINCING
             && search.takes_the_place(ascent.model, &alone, &self.current, gain, ascent.window)
@@ -231,7 +232,7 @@ impl<'a> Climb<'a> {
         // Where the likeliest alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without
         // it is one.
         if !counts {
-            if let Some((instead, alone)) = search.likeliest_alone(self.passed.take(), scale)
+            if let Some((instead, alone)) = self.passed.take().and_then(|passed| search.likeliest_alone(passed, scale))
                 && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
                 && let Some(last) = self.chosen.pop()
             {

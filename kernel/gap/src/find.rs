@@ -162,21 +162,22 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         }
     }
     let mut remainder = search.nameless(&settled.current, settled.scale)?;
-    let nameless = search.nameless(&refitted, settled.scale)?;
+    let lacking = search.lacking_forces(&refitted, settled.scale)?;
     say("predicting over windows, beside other ways");
-    let predict = |current: &Fit| gaps(&search, model, &given, &refitted, current, &trajectories, &unseen, options);
+    let on_unseen = (!unseen.is_empty()).then_some(&measure);
+    let predict = |current: &Fit| gaps(&search, model, [&given, &refitted, current], (&own, on_unseen), options.seed);
     let (predicted, mut others) = rayon::join(
         || predict(told.as_ref().map_or(&settled.current, |t| &t.fit)),
         || {
             if options.baselines {
-                baselines(&search, &measure, &refitted, settled.scale, options.seed, why.map(|_| &own))
+                baselines(&search, &measure, (&refitted, &lacking), settled.scale, options.seed, why.map(|_| &own))
             } else {
                 BTreeMap::new()
             }
         },
     );
     let (mut gap, mut predicted) = predicted?;
-    let come_near = match (&remainder, &nameless) {
+    let come_near = match (&remainder, lacking.first()) {
         (Some(left), Some((_, all))) => {
             let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
             let left_over = left_over(&search, (fit, &refitted), left, &gap, Named::of(&settled.chosen, nameless_won))?;
@@ -190,7 +191,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         contradicted
             .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
         current = refitted.clone();
-        remainder = nameless;
+        remainder = lacking.into_iter().next();
         (gap, predicted) = predict(&current)?;
     }
 

@@ -107,6 +107,7 @@ impl<'a> Problem<'a> {
     pub fn errors(&self, hypothesis: &Hypothesis, x: &[f64]) -> Result<DVector<f64>, GapError> {
         let mut plant = hypothesis.plant(x, &self.limits, self.step)?;
         (plant.rough, plant.smooth) = (self.rough, self.smooth);
+        plant.told = told(&self.disturbance.position, self.period);
         let noise = self.noise(&plant);
         let run = |session: &&[Trajectory]| {
             let mut motion = plant.motion();
@@ -288,6 +289,12 @@ const SHORT_ROWS: f64 = 0.0105;
 
 pub(crate) fn are_short(period: f64) -> bool {
     period <= SHORT_ROWS
+}
+
+/// How far joints go before data tell, by the noise of their positions: see [`Plant::told`]. Over rows that are not short forces change before a
+/// joint stops.
+pub(crate) fn told(noise: &[f64], period: f64) -> Vec<f64> {
+    if are_short(period) { noise.to_vec() } else { Vec::new() }
 }
 
 /// How hard a fit tries.

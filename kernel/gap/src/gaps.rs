@@ -6,8 +6,7 @@ use sagci_dynamics::residual::Residual;
 use sagci_model::{JointKind, ObjectModel};
 
 use crate::GapError;
-use crate::find::Options;
-use crate::fit::{Fit, are_short};
+use crate::fit::{Fit, are_short, told};
 use crate::hypothesis::Hypothesis;
 use crate::memory::Memory;
 use crate::noise;
@@ -36,6 +35,17 @@ fn ranges(search: &Search<'_>, model: &ObjectModel, train: &[Trajectory], unseen
         .collect()
 }
 
+/// A plant in longer steps, by which data are followed that have a noise, and in shorter ones, which predicts.
+pub(crate) fn follower_and_plant(
+    made: impl Fn(f64) -> Result<Plant, GapError>,
+    data: &[Trajectory],
+    noise: &Noise,
+) -> Result<[Plant; 2], GapError> {
+    let mut follower = made(STEP)?;
+    follower.told = told(&noise.position, data.first().map_or(f64::INFINITY, Trajectory::period));
+    Ok([follower, made(FINE)?])
+}
+
 /// The pooled gap of any model, by the procedure of the report's own figures: on held-out data where there are some.
 pub(crate) struct Measure<'a> {
     data: &'a [Trajectory],
@@ -56,24 +66,35 @@ impl<'a> Measure<'a> {
         Self { data, noise, ranges: ranges(search, model, train, unseen), window, limits: &search.problem.limits, memory }
     }
 
-    /// A hypothesis where it stands as a plant in longer steps, by which the data are followed, and in shorter ones, which predicts.
+    /// A hypothesis where it stands, as it follows the data and as it predicts.
     fn plants(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<[Plant; 2], GapError> {
-        let made = |step: f64| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual);
-        Ok([made(STEP)?, made(FINE)?])
+        follower_and_plant(|step| hypothesis.plant(&hypothesis.x, self.limits, step)?.with_residual(residual), self.data, &self.noise)
     }
 
-    /// Starts of windows as a plant sees the data.
-    fn smoothed(&self, [rough, fine]: &[Plant; 2], data: &[Trajectory]) -> Result<Smoothed, GapError> {
-        Smoothed::roughly(rough, fine, data, &self.noise)
+    /// Starts of windows as plants see data. Following these takes no finer steps than the search did, unless it gets lost with them.
+    fn smoothed(&self, [follower, plant]: &[Plant; 2], data: &[Trajectory]) -> Result<Smoothed, GapError> {
+        Smoothed::new(follower, data, &self.noise).or_else(|_| Smoothed::new(plant, data, &self.noise))
+    }
+
+    /// The same as a hypothesis sees the measure's own, by its plants.
+    fn smoothed_by(&self, hypothesis: &Hypothesis, [follower, plant]: &[Plant; 2]) -> Result<Smoothed, GapError> {
+        let factors = self.memory.factors(hypothesis, || self.noise.likely_factors(follower, self.data));
+        Smoothed::under_factors(follower, self.data, &self.noise, factors).or_else(|_| Smoothed::new(plant, self.data, &self.noise))
+    }
+
+    /// Figures of data that a plant makes itself along the measured ones, with the noise of these.
+    fn floor(&self, plants: &[Plant; 2], smoothed: &Smoothed, seed: u64) -> Result<Figures, GapError> {
+        let Self { data, noise, ranges, window, .. } = self;
+        let efforts: Vec<f64> = (0..ranges.len()).map(|j| noise::of_efforts(data, j)).collect();
+        let invented = smoothed.invent(&plants[1], data, (noise, &efforts), (*window, ranges), seed);
+        Ok(self.smoothed(plants, &invented)?.figures(&plants[1], &invented, *window, ranges).0)
     }
 
     /// Is a hypothesis much farther off than noise makes one that is right? A hypothesis that cannot be simulated is.
     pub fn is_far(&self, hypothesis: &Hypothesis, seed: u64) -> bool {
         let floor = || {
             let plants = self.plants(hypothesis, None)?;
-            let smoothed = self.smoothed(&plants, self.data)?;
-            let invented = invented([&plants[0], &plants[1]], &smoothed, (self.data, &self.noise), (self.window, &self.ranges), seed);
-            Ok::<f64, GapError>(self.smoothed(&plants, &invented)?.pooled(&plants[1], &invented, self.window, &self.ranges))
+            Ok::<f64, GapError>(self.floor(&plants, &self.smoothed_by(hypothesis, &plants)?, seed)?.pooled)
         };
         // No floor is lower than the noise of positions.
         let shares = self.noise.position.iter().zip(&self.ranges).map(|(noise, range)| (noise / range).powi(2));
@@ -88,21 +109,22 @@ impl<'a> Measure<'a> {
     /// In each window, of a hypothesis where it stands.
     pub fn by_window(&self, hypothesis: &Hypothesis) -> Result<Vec<f64>, GapError> {
         let plants = self.plants(hypothesis, None)?;
-        Ok(self.smoothed(&plants, self.data)?.by_window(&plants[1], self.data, self.window, &self.ranges))
+        Ok(self.smoothed_by(hypothesis, &plants)?.by_window(&plants[1], self.data, self.window, &self.ranges))
     }
 
     /// Starts of windows as a hypothesis sees the data, for others to go on from.
     pub fn started(&self, hypothesis: &Hypothesis) -> Result<Started<'_>, GapError> {
-        Ok(Started { measure: self, smoothed: self.smoothed(&self.plants(hypothesis, None)?, self.data)? })
+        Ok(Started { measure: self, smoothed: self.smoothed_by(hypothesis, &self.plants(hypothesis, None)?)? })
     }
 
     /// Of a hypothesis where it stands, with a learned force besides.
     pub fn pooled(&self, hypothesis: &Hypothesis, residual: Option<&Residual>) -> Result<f64, GapError> {
-        let predict = || {
-            let plants = self.plants(hypothesis, residual)?;
-            Ok(self.smoothed(&plants, self.data)?.pooled(&plants[1], self.data, self.window, &self.ranges))
-        };
-        if residual.is_some() { predict() } else { self.memory.or_else(hypothesis, self.window, predict) }
+        let plants = self.plants(hypothesis, residual)?;
+        let predict = |smoothed: Smoothed| smoothed.pooled(&plants[1], self.data, self.window, &self.ranges);
+        if residual.is_some() {
+            return Ok(predict(self.smoothed(&plants, self.data)?));
+        }
+        self.memory.gap(hypothesis, self.window, || Ok(predict(self.smoothed_by(hypothesis, &plants)?)))
     }
 }
 
@@ -150,62 +172,35 @@ impl Gap {
     }
 }
 
-/// Data that a plant makes itself along others, with the noise of these: the plant is given in longer and in shorter steps.
-fn invented(
-    [follower, plant]: [&Plant; 2],
-    smoothed: &Smoothed,
-    (data, noise): (&[Trajectory], &Noise),
-    windows: (f64, &[f64]),
-    seed: u64,
-) -> Vec<Trajectory> {
-    let efforts: Vec<f64> = (0..windows.1.len()).map(|j| noise::of_efforts(data, j)).collect();
-    smoothed.invent(plant, data, (&noise.likely_at_most(follower, data), &efforts), windows, seed)
-}
-
-#[allow(clippy::too_many_arguments)]
+/// The figures of a model as given, refitted, and with its effects, by measures of the data that it was fitted to and of others, and the windows
+/// predicted over the last of these.
 pub(crate) fn gaps(
     search: &Search<'_>,
     model: &ObjectModel,
-    given: &Fit,
-    refitted: &Fit,
-    current: &Fit,
-    train: &[Trajectory],
-    unseen: &[Trajectory],
-    options: &Options<'_>,
+    [given, refitted, current]: [&Fit; 3],
+    measures: (&Measure<'_>, Option<&Measure<'_>>),
+    seed: u64,
 ) -> Result<(Gaps, Vec<Vec<Window>>), GapError> {
     let n = search.names.len();
-    let ranges = ranges(search, model, train, unseen);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..given.hypothesis.clone() };
-    let limits = &search.problem.limits;
-    let made = |step: f64| -> Result<[Plant; 3], GapError> {
-        Ok([
-            untouched.plant(&[], limits, step)?,
-            refitted.hypothesis.plant(&refitted.hypothesis.x, limits, step)?,
-            current.hypothesis.plant(&current.hypothesis.x, limits, step)?,
-        ])
-    };
-    let plants = made(FINE)?;
-    // Following the data takes no finer steps than the search did.
-    let followers = made(STEP)?;
-    let on = |data: &[Trajectory]| -> Result<(Gap, Vec<Vec<Window>>), GapError> {
-        // By the data alone, so that anyone who has them finds the same figures.
-        let noise = noise::of_motion(data, n, FLOOR);
-        let found = |data: &[Trajectory]| Smoothed::roughly(&followers[2], &plants[2], data, &noise);
+    let hypotheses = [&untouched, &refitted.hypothesis, &current.hypothesis];
+    let on = |measure: &Measure<'_>| -> Result<(Gap, Vec<Vec<Window>>), GapError> {
+        let Measure { data, ranges, window, .. } = measure;
+        let plants = measure.plants(hypotheses[2], None)?;
+        let found = measure.smoothed_by(hypotheses[2], &plants)?;
         // Where nothing was named the found model is the refitted one.
-        let different = if current.hypothesis.x == refitted.hypothesis.x { 2 } else { 3 };
-        let mut both: Vec<(Figures, Vec<Window>)> = plants[..different]
-            .par_iter()
-            .zip(&followers)
-            .map(|(plant, follower)| {
-                // A model that gets lost along the data starts its windows where the found one does.
-                let smoothed = Smoothed::new(follower, data, &noise).or_else(|_| found(data))?;
-                Ok(smoothed.figures(plant, data, options.window, &ranges))
-            })
-            .collect::<Result<_, GapError>>()?;
-        both.extend_from_within(different - 1..2);
+        let different = if current.hypothesis.x == refitted.hypothesis.x { 1 } else { 2 };
+        let others = hypotheses[..different].par_iter().map(|hypothesis| {
+            let plants = measure.plants(hypothesis, None)?;
+            // A model that gets lost along the data starts its windows where the found one does.
+            let own = measure.smoothed_by(hypothesis, &plants);
+            Ok(own.as_ref().unwrap_or(&found).figures(&plants[1], data, *window, ranges))
+        });
+        let mut both: Vec<(Figures, Vec<Window>)> = others.collect::<Result<_, GapError>>()?;
+        both.push(found.figures(&plants[1], data, *window, ranges));
+        both.extend_from_within(different..2);
         let (figures, predicted): (Vec<Figures>, Vec<_>) = both.into_iter().unzip();
-        let invented = invented([&followers[2], &plants[2]], &found(data)?, (data, &noise), (options.window, &ranges), options.seed);
-        let (floor, _) = found(&invented)?.figures(&plants[2], &invented, options.window, &ranges);
+        let floor = measure.floor(&plants, &found, seed)?;
         let per_joint = (0..n)
             .map(|j| {
                 let pick = |f: fn(&Figures) -> &Vec<f64>| [f(&figures[0])[j], f(&figures[1])[j], f(&figures[2])[j], f(&floor)[j]];
@@ -227,9 +222,9 @@ pub(crate) fn gaps(
         let [before, refitted, after] = [0, 1, 2].map(|i| figures[i].pooled);
         Ok((Gap { before, refitted, after, noise_floor: floor.pooled, per_joint }, predicted))
     };
-    let (train, mut predicted) = on(train)?;
+    let (train, mut predicted) = on(measures.0)?;
     let mut gaps = Gaps { train, held_out: None };
-    if !unseen.is_empty() {
+    if let Some(unseen) = measures.1 {
         let held_out;
         (held_out, predicted) = on(unseen)?;
         gaps.held_out = Some(held_out);

@@ -1,29 +1,50 @@
-//! What was predicted once over windows is not predicted again: names are weighed against one another by the same few models.
+//! What was asked once of a model over windows is not asked again: names are weighed against one another by the same few models.
 
+use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::hypothesis::Hypothesis;
 
-/// The pooled gap of models over one set of data, by all that a model says and the windows' length, s. Clones share what they remember.
+/// What is known of models over one set of data: their pooled gaps, by the windows' length, s, too, and the factors on the noises of positions and
+/// accelerations under which data are followed. Clones share what they remember.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Memory {
-    known: Arc<Mutex<Vec<(String, f64, f64)>>>,
+    gaps: Known<f64>,
+    factors: Known<[f64; 2]>,
 }
 
 impl Memory {
     /// The gap of a hypothesis over windows of a length, made where it is not known. What fails is asked again.
-    pub fn or_else<E>(&self, hypothesis: &Hypothesis, window: f64, make: impl FnOnce() -> Result<f64, E>) -> Result<f64, E> {
-        // Numbers are written so that they read back the same.
-        let model = format!("{:?}", hypothesis.model_at(&hypothesis.x));
+    pub fn gap<E>(&self, hypothesis: &Hypothesis, window: f64, make: impl FnOnce() -> Result<f64, E>) -> Result<f64, E> {
+        self.gaps.or_else(format!("{window} {}", said(hypothesis)), make)
+    }
+
+    /// The factors under which data are followed with a hypothesis.
+    pub fn factors(&self, hypothesis: &Hypothesis, make: impl FnOnce() -> [f64; 2]) -> [f64; 2] {
+        let Ok(factors) = self.factors.or_else(said(hypothesis), || Ok::<_, Infallible>(make()));
+        factors
+    }
+}
+
+/// All that a model says. Numbers are written so that they read back the same.
+fn said(hypothesis: &Hypothesis) -> String {
+    format!("{:?}", hypothesis.model_at(&hypothesis.x))
+}
+
+#[derive(Debug, Clone, Default)]
+struct Known<T>(Arc<Mutex<Vec<(String, T)>>>);
+
+impl<T: Copy> Known<T> {
+    fn or_else<E>(&self, of: String, make: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         // A thread that panicked has left whole entries.
-        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = known().iter().find(|(other, length, _)| *length == window && *other == model).map(|(.., gap)| *gap);
-        if let Some(gap) = found {
-            return Ok(gap);
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = known().iter().find(|(other, _)| *other == of).map(|(_, known)| *known);
+        if let Some(found) = found {
+            return Ok(found);
         }
-        let gap = make()?;
-        known().push((model, window, gap));
-        Ok(gap)
+        let made = make()?;
+        known().push((of, made));
+        Ok(made)
     }
 }
 
@@ -41,7 +62,7 @@ mod tests {
             let mut model = door();
             model.joints[0].damping = damping;
             let hypothesis = Hypothesis { x: Vec::new(), fitted: Vec::new(), ..Hypothesis::known(&model, &[0]) };
-            memory.or_else(&hypothesis, window, || Ok::<f64, ()>(gap)).unwrap()
+            memory.gap(&hypothesis, window, || Ok::<f64, ()>(gap)).unwrap()
         };
         assert_eq!(asked(0.1, 1.0, 3.0), 3.0);
         assert_eq!(asked(0.1, 1.0, 4.0), 3.0, "asked twice");

@@ -34,6 +34,8 @@ pub(crate) struct Plant {
     pub step: f64,
     /// Steps to first order are enough.
     pub rough: bool,
+    /// How far a joint goes, rad or m, before data tell that it does: the noise of positions by joint; none where any way counts.
+    pub told: Vec<f64>,
     /// Where steps have no order by which they are extrapolated they lose it by degrees, and not at once: errors change smoothly with what is
     /// fitted, as intervals ask.
     pub smooth: bool,
@@ -139,17 +141,18 @@ impl Motion {
         self.begin.v[j] != 0.0 || self.state.v[j] != 0.0
     }
 
-    /// When friction stops a joint that it holds from then on, s from the beginning of the piece, if that is `soon`. A filter sets a joint that
-    /// stands moving by a little in every row. Both ways let it stop over their first step, so that they are off by what grows as that step, on all
-    /// that moves with it, too: that is an order, and careful steps that are longer than the stop come no nearer. `h` is the last step, and
-    /// `accelerates` by how much an effort accelerates the joint.
-    fn stops_after(&self, j: usize, soon: f64, h: f64, accelerates: f64) -> Option<f64> {
+    /// When friction stops a joint that it holds from then on, s from the beginning of the piece, if that is `soon`, or within the piece's `duration`
+    /// before the joint has gone further than data tell. A filter sets a joint that stands moving by a little in every row. Both ways let it stop over
+    /// their first step, so that they are off by what grows as that step, on all that moves with it, too: that is an order, and careful steps that
+    /// are longer than the stop come no nearer. `h` is the last step, and `accelerates` by how much an effort accelerates the joint.
+    fn stops_after(&self, j: usize, [soon, duration]: [f64; 2], told: f64, h: f64, accelerates: f64) -> Option<f64> {
         if self.coarse.v[j] != 0.0 || self.state.v[j] != 0.0 || self.ws.held()[j] != Held::Stuck {
             return None;
         }
         let (old, [forward, backward]) = (self.begin.v[j], self.ws.spare(j));
         let slows = accelerates / h * if old > 0.0 { forward } else { backward };
-        (old.abs() < soon * slows).then(|| old.abs() / slows)
+        let after = old.abs() / slows;
+        (after < soon || after < duration && 0.5 * after * old.abs() < told).then_some(after)
     }
 
     /// Have the two ways over a piece an order by which they differ? `efforts` is by how much efforts alone would change the velocity over it.
@@ -264,8 +267,20 @@ impl Plant {
         let on_its_way = |e: &EffectEntry| if e.effect == "transport_delay" { e.parameters.get("delay").copied() } else { None };
         let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
-        let mut this =
-            Self { system, laws, ends, misread, skew, behind_drives, late, accelerates: Vec::new(), step, rough: false, smooth: false };
+        let mut this = Self {
+            system,
+            laws,
+            ends,
+            misread,
+            skew,
+            behind_drives,
+            late,
+            accelerates: Vec::new(),
+            step,
+            rough: false,
+            told: Vec::new(),
+            smooth: false,
+        };
         let (n, inverse) = (moving.len(), this.inverse_mass_at(&this.system.state().q));
         this.accelerates = (0..n).map(|j| inverse[j * n + j]).collect();
         this.step = step.min(SHARE / this.rate()).max(SHORTEST.min(step));
@@ -391,7 +406,9 @@ impl Plant {
             motion.set_right(h);
             let efforts = |motion: &Motion, j: usize| duration * self.accelerates[j] * (motion.tau[j].abs() + motion.ws.load()[j].abs());
             let careful = (duration / CAREFUL - SHORT).ceil().max(2.0 * steps) as usize;
-            let stops = |motion: &Motion, j: usize| motion.stops_after(j, duration / careful as f64, h, self.accelerates[j]);
+            let soon = [duration / careful as f64, duration];
+            let told = |j: usize| self.told.get(j).copied().unwrap_or(0.0);
+            let stops = |motion: &Motion, j: usize| motion.stops_after(j, soon, told(j), h, self.accelerates[j]);
             let order = |motion: &Motion, j: usize| match self.smooth {
                 _ if stops(motion, j).is_some() => 1.0,
                 true => motion.order(j, efforts(motion, j)),

@@ -7,8 +7,10 @@ use sagci_model::ObjectModel;
 use sagci_recording::Log;
 
 use crate::GapError;
+use crate::gaps::follower_and_plant;
 use crate::locked::Locked;
-use crate::search::{FLOOR, STEP, Search};
+use crate::plant::Plant;
+use crate::search::{FLOOR, Search};
 use crate::trajectory::Trajectory;
 use crate::windows::{self, Smoothed};
 use crate::{noise, unheeded};
@@ -38,9 +40,8 @@ pub fn predict(model: &ObjectModel, logs: &[Log], window: f64) -> Result<Predict
     windows::check(&trajectories, window)?;
     windows::say_without(&trajectories, window, &mut notes);
     let search = Search::beside(model, &trajectories, &[], &mut notes)?;
-    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
-    let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
     let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
+    let [follower, plant] = follower_and_plant(|step| Plant::new(model, &search.problem.limits, step), &trajectories, &noise)?;
     let smoothed = Smoothed::new(&follower, &trajectories, &noise)?;
     let mut text = String::from("time,window");
     for name in &search.names {
@@ -91,9 +92,8 @@ pub fn prediction_error(model: &ObjectModel, logs: &[Log], window: f64) -> Resul
         windows::check(&trajectories, window)?;
     }
     let search = Search::new(model, &trajectories)?;
-    let plant = crate::plant::Plant::new(model, &search.problem.limits, crate::gaps::FINE)?;
-    let follower = crate::plant::Plant::new(model, &search.problem.limits, STEP)?;
     let noise = noise::of_motion(&trajectories, search.names.len(), FLOOR);
+    let [follower, plant] = follower_and_plant(|step| Plant::new(model, &search.problem.limits, step), &trajectories, &noise)?;
     let ranges: Vec<f64> = search.joints.iter().map(|j| model.joints[*j].limits.range()).collect();
     let (figures, _) = Smoothed::new(&follower, &trajectories, &noise)?.figures(&plant, &trajectories, window, &ranges);
     Ok(search.names.iter().cloned().zip(figures.rmse).collect())

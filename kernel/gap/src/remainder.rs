@@ -20,13 +20,12 @@ use sagci_model::JointKind;
 
 use crate::GapError;
 use crate::fit::Fit;
-use crate::flexible;
+use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::observer::Run;
 use crate::report::Remainder;
 use crate::response::Response;
 use crate::search::{STEP, Search};
-use crate::span::Span;
 
 /// Width of the one inner layer, for each joint.
 const HIDDEN: usize = 8;
@@ -41,6 +40,8 @@ const ROUNDS: usize = 20;
 const PASSES: usize = 3;
 /// Fall of the cost below which a training ends, and the same as a share of the cost.
 const ENOUGH: [f64; 2] = [0.05, 2e-4];
+/// Share of the errors' squares that is no progress from one training to the next.
+const TRIFLE: f64 = 1e-2;
 /// Share of the held-out gap that a learned force must take away to be kept.
 const WORTH: f64 = 0.1;
 
@@ -50,24 +51,21 @@ struct Learned {
     network: Network,
 }
 
-/// The most likely learned force on top of a fitted model; none where no force shows.
-pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Result<Option<Residual>, GapError> {
-    let typical = search.typical_force();
-    let span = Span::new(fit, scale);
+/// The most likely learned force on top of a fitted model, which lacks such forces, the most evident first; none where no force shows.
+pub(crate) fn learn(
+    search: &Search<'_>,
+    fit: &Fit,
+    lacking: &[(usize, Nameless)],
+    scale: f64,
+    seed: u64,
+) -> Result<Option<Residual>, GapError> {
     let (mut errors, mut runs) = follow(search, fit, None, STEP)?;
-    let mut wanting: Vec<(usize, Response, flexible::Nameless)> = (0..search.names.len())
-        .filter_map(|j| {
-            let response = Response::new(search, fit, &runs, j);
-            let nameless = flexible::nameless(&response, &span, scale, typical[j])?;
-            (nameless.evidence > 0.0).then_some((j, response, nameless))
-        })
-        .collect();
-    wanting.sort_by(|a, b| b.2.evidence.total_cmp(&a.2.evidence));
-    wanting.truncate(MOST);
-    let mut learned: Vec<Learned> = wanting
-        .into_iter()
-        .map(|(joint, response, nameless)| Ok(Learned { joint, network: fresh(&response, search.kind(fit, joint), nameless.force, seed)? }))
-        .collect::<Result<_, GapError>>()?;
+    let begun = |(joint, nameless): &(usize, Nameless)| {
+        let response = Response::new(search, fit, &runs, *joint);
+        Ok(Learned { joint: *joint, network: fresh(&response, search.kind(fit, *joint), nameless.force, seed)? })
+    };
+    let plain = lacking.iter().filter(|(_, nameless)| nameless.evidence > 0.0);
+    let mut learned: Vec<Learned> = plain.take(MOST).map(begun).collect::<Result<_, GapError>>()?;
     let mut best: Option<Residual> = None;
     for _ in 0..PASSES {
         let before = errors.norm_squared();
@@ -84,7 +82,11 @@ pub(crate) fn learn(search: &Search<'_>, fit: &Fit, scale: f64, seed: u64) -> Re
         if after.norm_squared() >= before {
             break;
         }
+        let is_trifle = before - after.norm_squared() < TRIFLE * before;
         (errors, runs, best) = (after, along, Some(tried));
+        if is_trifle {
+            break;
+        }
     }
     Ok(best)
 }
@@ -263,7 +265,7 @@ pub(crate) fn remainder(
     if floor > (1.0 - WORTH) * gap {
         return Ok((not, None));
     }
-    let Some(residual) = learn(search, current, scale, seed)? else { return Ok((not, None)) };
+    let Some(residual) = learn(search, current, &search.lacking_forces(current, scale)?, scale, seed)? else { return Ok((not, None)) };
     let after = measure.pooled(&current.hypothesis, Some(&residual))?;
     let kept = after <= (1.0 - WORTH) * gap;
     Ok((Remainder { kept, gap: [gap, after] }, kept.then_some(residual)))

@@ -39,7 +39,9 @@ fn sparse_regression_finds_two_frictions_and_little_else() {
     let (train, unseen) = (recorded(&truth, &model, 1..3), recorded(&truth, &model, 5..6));
     let search = Search::new(&model, &train).unwrap();
     let refitted = search.known(&model, 1.0).unwrap();
-    let sparse = sparse_regression(&search, &refitted, search.scale(&refitted)).unwrap();
+    let scale = search.scale(&refitted);
+    let lacking = search.lacking_forces(&refitted, scale).unwrap();
+    let sparse = sparse_regression(&search, (&refitted, &lacking), scale).unwrap();
     let (damping, friction) = (found(&sparse, "viscous_friction", "damping"), found(&sparse, "coulomb_friction", "friction"));
     assert!((damping / 0.15 - 1.0).abs() < 0.2 && (friction / 0.2 - 1.0).abs() < 0.2, "{damping} {friction}");
     let measure = Measure::new(&search, &model, &train, &unseen, 1.0);
@@ -72,7 +74,8 @@ fn a_learned_force_stands_in_for_a_smooth_one() {
     let measure = Measure::new(&search, &model, &train, &unseen, 1.0);
     let untouched = Hypothesis { x: Vec::new(), fitted: Vec::new(), known: 0, ..refitted.hypothesis.clone() };
     let before = measure.pooled(&untouched, None).unwrap();
-    let all = baselines(&search, &measure, &refitted, search.scale(&refitted), 1, None);
+    let lacking = search.lacking_forces(&refitted, search.scale(&refitted)).unwrap();
+    let all = baselines(&search, &measure, (&refitted, &lacking), search.scale(&refitted), 1, None);
     assert_eq!(all.len(), 3);
     assert!(all["learned_residual"] < 0.2 * before, "{all:?}");
     assert!(all["free_refit"] <= 1.05 * before, "{all:?}");
@@ -95,7 +98,7 @@ fn on_clean_data_no_learned_force_is_kept() {
     // A floor of zero says that there may be something to learn.
     let (told, kept) = remainder(&search, &measure, &refitted, scale, [gap, 0.0], 1).unwrap();
     assert!(!told.kept && kept.is_none(), "{told:?}");
-    if let Some(residual) = learn(&search, &refitted, scale, 1).unwrap() {
+    if let Some(residual) = learn(&search, &refitted, &search.lacking_forces(&refitted, scale).unwrap(), scale, 1).unwrap() {
         let with = measure.pooled(&refitted.hypothesis, Some(&residual)).unwrap();
         assert!(with < 1.3 * gap, "{gap} {with}");
     }

@@ -10,7 +10,7 @@ use sagci_model::ObjectModel;
 use sagci_recording::Series;
 
 use crate::GapError;
-use crate::fit::{Derivatives, Effort, Fit, Problem};
+use crate::fit::{Derivatives, Effort, Fit, Problem, told};
 use crate::hypothesis::{Fitted, Hypothesis};
 use crate::memory::Memory;
 use crate::noise;
@@ -140,7 +140,8 @@ impl<'a> Search<'a> {
             let fit = self.in_response(Hypothesis::known(model, &self.joints), scale, TRIFLE)?;
             return if self.many_joints() { Ok(self.judge(fit)) } else { self.fit_on(fit, scale) };
         };
-        let begun = self.over(&part.trajectories).in_response(Hypothesis::known(model, &self.joints), scale, TRIFLE)?;
+        let light = self.over(&part.trajectories).lightly(self.problem.has_short_rows());
+        let begun = light.in_response(Hypothesis::known(model, &self.joints), scale, TRIFLE)?;
         self.refit(&begun, scale)
     }
 
@@ -221,7 +222,14 @@ impl<'a> Search<'a> {
                 let base_there = part.of(&light, base)?;
                 let screened = light.screen(&base_there, &views, scale, most)?;
                 let share = light.share_of(self);
-                let (first, _) = light.divided(&base_there, light.begun(&base_there, &views, screened, scale, gain * share), scale);
+                let begun = if rough {
+                    let lighter = light.clone().lightly(rough);
+                    let there = base_there.under(&lighter.problem)?;
+                    light.begun_lightly(&base_there, &views, (&lighter, &there), screened, scale, gain * share)
+                } else {
+                    light.begun(&base_there, &views, screened, scale, gain * share)
+                };
+                let (first, _) = light.divided(&base_there, begun, scale);
                 let mut all = light.finished(&base_there, first, scale);
                 light.rank(&mut all, scale);
                 let best = all.first().map_or(0.0, |c| c.evidence);
@@ -247,7 +255,7 @@ impl<'a> Search<'a> {
     }
 
     /// The same in steps that are no shorter than need be where nothing is known yet, and to first order where that does.
-    fn lightly(mut self, rough: bool) -> Self {
+    pub fn lightly(mut self, rough: bool) -> Self {
         (self.problem.step, self.problem.rough) = (STEP, rough);
         self
     }
@@ -478,7 +486,8 @@ impl<'a> Search<'a> {
 
     /// Runs of a fitted model along all trajectories.
     pub fn runs(&self, fit: &Fit) -> Result<Vec<Run>, GapError> {
-        let plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
+        let mut plant = fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, self.problem.step)?;
+        plant.told = told(&self.problem.disturbance.position, self.problem.period);
         Ok(self.problem.followed(&plant)?.1)
     }
 }

@@ -482,8 +482,15 @@ impl<'a> Search<'a> {
 
     /// The most likely force without a name, and its joint.
     pub fn nameless(&self, fit: &Fit, scale: f64) -> Result<Option<(usize, Nameless)>, GapError> {
+        Ok(self.lacking_forces(fit, scale)?.into_iter().next())
+    }
+
+    /// The most likely force without a name on each joint, the most evident first.
+    pub fn lacking_forces(&self, fit: &Fit, scale: f64) -> Result<Vec<(usize, Nameless)>, GapError> {
         let all = self.nameless_by_joint(fit, scale)?.into_iter().enumerate();
-        Ok(all.filter_map(|(j, n)| Some((j, n?))).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence)))
+        let mut found: Vec<(usize, Nameless)> = all.filter_map(|(j, n)| Some((j, n?))).collect();
+        found.sort_by(|a, b| b.1.evidence.total_cmp(&a.1.evidence));
+        Ok(found)
     }
 
     /// What a force without a name says in the place of a name that says `gain`. It is screened in the errors as they are: so it stands beside the
@@ -509,8 +516,7 @@ impl<'a> Search<'a> {
     }
 
     /// The likeliest of some candidates, where a plainer one was put before it, settled alone; none where it cannot be simulated any more.
-    pub fn likeliest_alone(&self, passed: Option<Vec<Candidate>>, scale: f64) -> Option<(Vec<Candidate>, Fit)> {
-        let mut instead = passed?;
+    pub fn likeliest_alone(&self, mut instead: Vec<Candidate>, scale: f64) -> Option<(Vec<Candidate>, Fit)> {
         let alone = self.settle(&instead.first()?.fit.under(&self.problem).ok()?, scale);
         instead[0].fit = alone.clone();
         Some((instead, alone))

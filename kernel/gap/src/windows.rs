@@ -57,6 +57,8 @@ fn doubted(plant: &Plant, motion: &mut Motion, trajectory: &Trajectory, k: usize
 /// The run along the data that gives windows their first states.
 pub(crate) struct Smoothed {
     runs: Vec<Run>,
+    /// Factors on the noises of positions and accelerations that are most likely.
+    factors: [f64; 2],
 }
 
 /// Factors on the noises among which the most likely are taken.
@@ -155,18 +157,8 @@ pub(crate) fn likely_noise(
 }
 
 impl Noise {
-    /// The same, as large as makes a plant's prediction errors most likely.
-    pub fn likely(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        self.times(self.likely_factors(plant, trajectories))
-    }
-
-    /// The same, accelerations at the most as they are: what a plant lacks is none of their noise.
-    pub fn likely_at_most(&self, plant: &Plant, trajectories: &[Trajectory]) -> Self {
-        let [positions, accelerations] = self.likely_factors(plant, trajectories);
-        self.times([positions, accelerations.min(1.0)])
-    }
-
-    fn likely_factors(&self, plant: &Plant, trajectories: &[Trajectory]) -> [f64; 2] {
+    /// Factors on the noises of positions and accelerations under which a plant's prediction errors are most likely, by stretches that tell enough.
+    pub fn likely_factors(&self, plant: &Plant, trajectories: &[Trajectory]) -> [f64; 2] {
         let part = part::stretches(trajectories);
         let data = part.as_deref().unwrap_or(trajectories);
         likely_noise(plant, data, &|factors| self.times(factors), ANY, Seek::Everywhere)
@@ -320,11 +312,17 @@ fn followed<T>(mut noise: Noise, under: impl Fn(&Noise) -> Result<(T, f64), GapE
 
 impl Smoothed {
     pub fn new(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        followed(noise.likely(plant, trajectories), |noise| Self::under(plant, trajectories, noise))
+        Self::under_factors(plant, trajectories, noise, noise.likely_factors(plant, trajectories))
+    }
+
+    /// The same under a noise whose most likely factors are known.
+    pub fn under_factors(plant: &Plant, trajectories: &[Trajectory], noise: &Noise, factors: [f64; 2]) -> Result<Self, GapError> {
+        let runs = followed(noise.times(factors), |noise| Self::under(plant, trajectories, noise))?;
+        Ok(Self { runs, factors })
     }
 
     /// Runs under a noise, and the mean square of the errors along the trajectory where it is largest, in their deviations.
-    fn under(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<(Self, f64), GapError> {
+    fn under(plant: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<(Vec<Run>, f64), GapError> {
         let mut motion = plant.motion();
         let (mut runs, mut largest) = (Vec::new(), 0.0f64);
         for trajectory in trajectories {
@@ -335,12 +333,7 @@ impl Smoothed {
             largest = largest.max(errors.position.iter().map(|e| e * e).sum::<f64>() / errors.position.len().max(1) as f64);
             runs.push(run);
         }
-        Ok((Self { runs }, largest))
-    }
-
-    /// The same with a plant that takes longer steps first: following the data takes no finer ones, unless it gets lost with these.
-    pub fn roughly(rough: &Plant, fine: &Plant, trajectories: &[Trajectory], noise: &Noise) -> Result<Self, GapError> {
-        Self::new(rough, trajectories, noise).or_else(|_| Self::new(fine, trajectories, noise))
+        Ok((runs, largest))
     }
 
     fn set(&self, motion: &mut Motion, trajectory: &Trajectory, index: usize, row: usize) {
@@ -433,7 +426,8 @@ impl Smoothed {
     }
 
     /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
-    /// The motion is put back on the measured one every few windows, so that it stays where the data are.
+    /// The motion is put back on the measured one every few windows, so that it stays where the data are. Of the noise, accelerations are at the most as
+    /// they are given: what a plant lacks is none of their noise.
     pub fn invent(
         &self,
         plant: &Plant,
@@ -442,6 +436,8 @@ impl Smoothed {
         (length, ranges): (f64, &[f64]),
         seed: u64,
     ) -> Vec<Trajectory> {
+        let [positions, accelerations] = self.factors;
+        let noise = noise.times([positions, accelerations.min(1.0)]);
         let mut random = Pcg64::seed_from_u64(seed);
         let mut normal = move || noise::normal(&mut random);
         let mut motion = plant.motion();
