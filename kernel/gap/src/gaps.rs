@@ -90,18 +90,20 @@ impl<'a> Measure<'a> {
         Ok(self.smoothed(plants, &invented)?.figures(&plants[1], &invented, *window, ranges).0)
     }
 
+    /// What noise makes of the gap of a hypothesis where it stands: its own over data that it makes itself.
+    pub fn noise_floor(&self, hypothesis: &Hypothesis, seed: u64) -> Result<f64, GapError> {
+        let plants = self.plants(hypothesis, None)?;
+        Ok(self.floor(&plants, &self.smoothed_by(hypothesis, &plants)?, seed)?.pooled)
+    }
+
     /// Is a hypothesis much farther off than noise makes one that is right? A hypothesis that cannot be simulated is.
     pub fn is_far(&self, hypothesis: &Hypothesis, seed: u64) -> bool {
-        let floor = || {
-            let plants = self.plants(hypothesis, None)?;
-            Ok::<f64, GapError>(self.floor(&plants, &self.smoothed_by(hypothesis, &plants)?, seed)?.pooled)
-        };
         // No floor is lower than the noise of positions.
         let shares = self.noise.position.iter().zip(&self.ranges).map(|(noise, range)| (noise / range).powi(2));
         let lowest = (shares.sum::<f64>() / self.ranges.len() as f64).sqrt();
         let found = || {
             let gap = self.pooled(hypothesis, None)?;
-            Ok::<bool, GapError>(gap > FAR * lowest && gap > FAR * floor()?)
+            Ok::<bool, GapError>(gap > FAR * lowest && gap > FAR * self.noise_floor(hypothesis, seed)?)
         };
         found().unwrap_or(true)
     }

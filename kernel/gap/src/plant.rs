@@ -1,6 +1,6 @@
 //! The model under test, driven by what was measured.
 
-use nalgebra::{DMatrix, Unit, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Unit, Vector3, Vector6};
 use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
 use sagci_dynamics::{DynamicsError, ExternalWrench, Held, Input, Part, State, StepWorkspace, System};
@@ -526,6 +526,15 @@ impl Plant {
             motion.external.extend([ExternalWrench { link: child, F_W }, ExternalWrench { link: parent, F_W: -F_W }]);
         }
         Ok(())
+    }
+
+    /// Efforts that bodies need for such accelerations at the state.
+    pub fn efforts_for(&self, motion: &mut Motion, accelerations: &[f64]) -> Result<Vec<f64>, DynamicsError> {
+        let multibody = self.system.multibody();
+        let rigid = motion.ws.rigid();
+        multibody.set_state(rigid, &motion.state.q, &motion.state.v)?;
+        let efforts = multibody.mass_matrix(rigid)? * DVector::from_column_slice(accelerations);
+        Ok(efforts.iter().copied().collect())
     }
 
     /// What the sensor of joint `j` adds to an effort at the state.

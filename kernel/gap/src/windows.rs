@@ -30,6 +30,10 @@ pub struct Figures {
     pub pooled: f64,
 }
 
+/// Share of the joints' ranges by which an invented motion strays from the measured one before it is brought back, and how fast it is, s.
+const STRAYED: f64 = 0.01;
+const BACK: f64 = 0.1;
+
 /// Short windows, s.
 pub(crate) const SHORT: f64 = 0.25;
 
@@ -419,14 +423,40 @@ impl Smoothed {
         (Figures { median, rmse_short, pooled: pooled(&rmse, ranges), rmse }, windows)
     }
 
-    /// Is a motion further from the measured one than the joints' ranges?
-    fn is_lost(&self, motion: &Motion, index: usize, row: usize, ranges: &[f64]) -> bool {
+    /// Is a motion further from the measured one than a share of the joints' ranges?
+    fn is_off(&self, motion: &Motion, index: usize, row: usize, ranges: &[f64], share: f64) -> bool {
         let measured = &self.runs[index].q[row * ranges.len()..];
-        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > *range)
+        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > share * range)
+    }
+
+    /// Goes on until row `k`. What has strayed from the measured motion is brought back by forces that the data then have: beside an unstable rest
+    /// a motion without them falls to where errors do not grow, and noise seems to matter little.
+    fn goes_on(
+        &self,
+        plant: &Plant,
+        motion: &mut Motion,
+        guided: &mut Trajectory,
+        index: usize,
+        k: usize,
+        ranges: &[f64],
+    ) -> Result<(), GapError> {
+        if !self.is_off(motion, index, k - 1, ranges, STRAYED) {
+            return plant.interval(motion, guided, k - 1);
+        }
+        let (n, run) = (ranges.len(), &self.runs[index]);
+        guided.external.resize(guided.input.len(), 0.0);
+        let (begin, h) = (motion.state.clone(), guided.time[k] - guided.time[k - 1]);
+        plant.interval(motion, guided, k - 1)?;
+        let to_way = |j: usize| run.v[k * n + j] + (run.q[k * n + j] - motion.state.q[j]) / BACK - motion.state.v[j];
+        let accelerations: Vec<f64> = (0..n).map(|j| to_way(j) / h).collect();
+        motion.state = begin;
+        let efforts = plant.efforts_for(motion, &accelerations)?;
+        guided.external[(k - 1) * n..k * n].iter_mut().zip(efforts).for_each(|(external, effort)| *external += effort);
+        plant.interval(motion, guided, k - 1)
     }
 
     /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
-    /// The motion is put back on the measured one every few windows, so that it stays where the data are. Of the noise, accelerations are at the most as
+    /// The motion is put back on the measured one every few windows, and led back to it between, so that it stays where the data are. Of the noise, accelerations are at the most as
     /// they are given: what a plant lacks is none of their noise.
     pub fn invent(
         &self,
@@ -444,21 +474,24 @@ impl Smoothed {
         let mut invented = trajectories.to_vec();
         for (index, trajectory) in invented.iter_mut().enumerate() {
             let n = trajectory.joints;
-            let original = trajectories[index].clone();
-            let mut until = f64::NEG_INFINITY;
+            let original = &trajectories[index];
+            let (mut guided, mut until) = (original.clone(), f64::NEG_INFINITY);
             trajectory.starts.clear();
             for k in 0..original.rows() {
                 let anew = original.starts.contains(&k) || original.time[k] >= until;
                 // What gets lost on its way, pushed by noise, begins anew as well.
-                if anew || plant.interval(&mut motion, &original, k - 1).is_err() || self.is_lost(&motion, index, k, ranges) {
-                    self.set(&mut motion, &original, index, k);
+                if anew
+                    || self.goes_on(plant, &mut motion, &mut guided, index, k, ranges).is_err()
+                    || self.is_off(&motion, index, k, ranges, 1.0)
+                {
+                    self.set(&mut motion, original, index, k);
                     trajectory.starts.push(k);
                     until = original.time[k] + 4.0 * length;
                 } else {
                     let h = original.time[k] - original.time[k - 1];
-                    let doubted = doubted(plant, &mut motion, &original, k, &mut normal);
+                    let doubted = doubted(plant, &mut motion, original, k, &mut normal);
                     for j in 0..n {
-                        let [held, white] = noise.accelerations(&original, k, j, false);
+                        let [held, white] = noise.accelerations(original, k, j, false);
                         let push = held.hypot(white) * normal() + doubted.get(j).copied().unwrap_or(0.0);
                         motion.state.v[j] += h * push;
                         // What is white moves a joint by more than the mean of it does.
@@ -476,6 +509,7 @@ impl Smoothed {
                     }
                 }
             }
+            trajectory.external = guided.external;
         }
         invented
     }
