@@ -528,7 +528,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Efforts that bodies need for such accelerations at the state.
+    /// Efforts, N m or N, that bodies need for such accelerations at the state, rad/s^2 or m/s^2, beside what already acts.
     pub fn efforts_for(&self, motion: &mut Motion, accelerations: &[f64]) -> Result<Vec<f64>, DynamicsError> {
         let multibody = self.system.multibody();
         let rigid = motion.ws.rigid();

@@ -429,7 +429,7 @@ impl Smoothed {
         motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > share * range)
     }
 
-    /// Goes on until row `k`. What has strayed from the measured motion is brought back by forces that the data then have: beside an unstable rest
+    /// Goes on until row `k`, by `guided`, the measured inputs with the forces so far, N m or N. What has strayed from the measured motion is brought back by forces that the data then have: beside an unstable rest
     /// a motion without them falls to where errors do not grow, and noise seems to matter little.
     fn goes_on(
         &self,
@@ -455,9 +455,9 @@ impl Smoothed {
         plant.interval(motion, guided, k - 1)
     }
 
-    /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its floor.
-    /// The motion is put back on the measured one every few windows, and led back to it between, so that it stays where the data are. Of the noise, accelerations are at the most as
-    /// they are given: what a plant lacks is none of their noise.
+    /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its
+    /// floor. The motion is put back on the measured one every few windows, and led back to it between, so that it stays where the data are.
+    /// Accelerations are at the most as noisy as they are given: what a plant lacks is none of their noise.
     pub fn invent(
         &self,
         plant: &Plant,
