@@ -13,6 +13,8 @@ use crate::weigh::{CONVINCING, FALL, MATERIAL};
 
 /// Most effects that are looked for at once.
 const MOST: usize = 4;
+/// Gain in evidence that the best promises, below which none is fitted any further.
+const HOPEFUL: f64 = 0.5 * CONVINCING;
 /// Gain in evidence from which on a name that makes windows no better is looked at beside another.
 const SURE: f64 = 10.0 * CONVINCING;
 /// How many of the likeliest are asked whether they are there, one after the other.
@@ -179,7 +181,12 @@ impl<'a> Climb<'a> {
         let mut candidates = self.search.stage(&self.current, self.scale)?;
         let Some(first) = candidates.first() else { return Ok(false) };
         let mut next = self.search.scale(&first.fit);
-        if let Some(noise) = self.search.likelier_noise(&first.fit)? {
+        let likelier = self.search.likelier_noise(&first.fit)?;
+        // Beside names, under a noise that is known, most often nothing is there and none comes near.
+        let tells = likelier.as_ref().map_or(1.0, |noise| noise.tells_more_than(&self.search.problem.disturbance));
+        let promised = |c: &Candidate| self.search.promised(&self.current, &c.fit, 1.0 / tells, self.scale);
+        let hopeful = self.chosen.is_empty() || candidates.iter().any(|c| promised(c) > HOPEFUL);
+        if let Some(noise) = likelier.filter(|_| hopeful) {
             let before = self.search.evidence(&self.current, self.scale);
             self.search = self.search.clone().with_noise(noise);
             self.base = self.search.refit(&self.base, next)?;
@@ -190,7 +197,9 @@ impl<'a> Climb<'a> {
         self.scale = next;
         let (search, scale, current) = (&self.search, self.scale, &self.current);
         search.rank(&mut candidates, scale);
-        search.settle_near(&mut candidates, scale);
+        if hopeful {
+            search.settle_near(&mut candidates, scale);
+        }
         let here = search.evidence(current, scale);
         let likeliest = candidates.clone();
         call_by_plain_name(&mut candidates);

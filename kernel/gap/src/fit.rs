@@ -394,7 +394,6 @@ impl Fit {
         let mut damping = 1e-3;
         let mut kept = begin.kept;
         let noise = 0.5 * problem.measured() as f64;
-        let rough = problem.roughly();
         let mut exactly = !begin.roughly;
         let mut both_sides = false;
         for _ in 0..effort.rounds {
@@ -402,7 +401,7 @@ impl Fit {
             if fresh && both_sides {
                 self = self.differentiated(problem, begin.frozen)?;
             } else if fresh {
-                self.differentiate(if exactly { problem } else { &rough }, begin.frozen)?;
+                self.differentiate(problem, !exactly, begin.frozen)?;
             }
             let (fall, foretold) = self.step(problem, scale, &mut damping, fresh);
             kept = fall > TRUST * foretold;
@@ -421,12 +420,14 @@ impl Fit {
         Ok(self)
     }
 
-    /// Takes derivatives where the fit stands, but for those that are frozen. The problem may be stepped more roughly than the fit's.
-    pub fn differentiate(&mut self, problem: &Problem<'_>, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
+    /// Takes derivatives where the fit stands, but for those that are frozen, or `roughly` from runs to first order.
+    pub fn differentiate(&mut self, problem: &Problem<'_>, roughly: bool, frozen: Option<&[DVector<f64>]>) -> Result<(), GapError> {
         let mut jacobian = frozen.map_or_else(Vec::new, <[_]>::to_vec);
         let which: Vec<usize> = (jacobian.len()..self.hypothesis.x.len()).collect();
-        let rough = if problem.rough && !which.is_empty() { Some(problem.errors(&self.hypothesis, &self.hypothesis.x)?) } else { None };
-        let errors = rough.as_ref().unwrap_or(&self.errors);
+        // Errors of a problem that is rough are so already.
+        let rough = (roughly && !problem.rough && !which.is_empty()).then(|| problem.roughly());
+        let begun = rough.as_ref().map(|rough| rough.errors(&self.hypothesis, &self.hypothesis.x)).transpose()?;
+        let (problem, errors) = (rough.as_ref().unwrap_or(problem), begun.as_ref().unwrap_or(&self.errors));
         jacobian.extend(problem.jacobian(&self.hypothesis, &self.hypothesis.x, errors, &which)?);
         // Where errors go far within a difference they do not go straight.
         let fitted = &mut self.hypothesis.fitted;
@@ -495,7 +496,7 @@ impl Fit {
     pub fn finish(mut self, problem: &Problem<'_>, scale: f64, begin: Derivatives<'_>, effort: Effort) -> Result<Self, GapError> {
         self = self.improve(problem, scale, effort, begin)?;
         if self.since > FAR && self.evidence(self.judged, scale) > effort.bar - 2.0 * HOPE {
-            self.differentiate(problem, begin.frozen)?;
+            self.differentiate(problem, false, begin.frozen)?;
         }
         Ok(self)
     }

@@ -20,7 +20,7 @@ use crate::GapError;
 use crate::fit::{Fit, bounded_step, room};
 use crate::hypothesis::Hypothesis;
 use crate::observer::Run;
-use crate::remainder::follow;
+use crate::remainder::{follow, follow_lightly};
 use crate::response::Response;
 use crate::search::Search;
 
@@ -29,10 +29,11 @@ const EVEN: usize = 33;
 const BY_ROWS: usize = 13;
 /// Share of the range below which two knots are one.
 const APART: f64 = 0.01;
-/// Steps, dampings of one that makes errors larger, and the fall of the cost that is no progress.
+/// Steps, dampings of one that makes errors larger, and the fall of the cost that is no progress, exactly and in steps to first order.
 const STEPS: usize = 12;
 const DAMPINGS: [f64; 5] = [1e-9, 1e-3, 1e-2, 0.1, 1.0];
 const ENOUGH: f64 = 0.1;
+const ENOUGH_LIGHTLY: f64 = 1.0;
 /// Share of a bar that the linear response has to promise: it is off by some hundredths.
 const HOPELESS: f64 = 0.8;
 /// How sharp a bend is, in units of the way to the next knot.
@@ -220,13 +221,14 @@ impl Search<'_> {
     pub fn free(&self, base: &Fit, joint: usize, scale: f64, bar: f64) -> Result<Option<Free>, GapError> {
         // A model that gets lost along the data leaves no run to begin with.
         let Ok((errors, runs)) = follow(self, base, None, self.problem.step) else { return Ok(None) };
+        let roughness = self.roughness(base, &errors, self.problem.step);
         let continuous = base.hypothesis.model.joints[self.joints[joint]].kind == JointKind::Continuous;
         let mut best: Option<Free> = None;
         // A joint that turns on and on is in no place.
         for over in [Over::Position, Over::Velocity].into_iter().filter(|o| *o == Over::Velocity || !continuous) {
             let begin = State { fit: base.clone(), numbers: Vec::new(), errors: errors.clone(), runs: runs.clone() };
             let bar = best.as_ref().map_or(bar, |b| b.evidence.max(bar));
-            if let Some(free) = self.free_over(begin, joint, over, scale, bar)?
+            if let Some(free) = self.free_over(begin, roughness.as_ref(), (joint, over), scale, bar)?
                 && best.as_ref().is_none_or(|b| free.evidence > b.evidence)
             {
                 best = Some(free);
@@ -235,7 +237,15 @@ impl Search<'_> {
         Ok(best)
     }
 
-    fn free_over(&self, begin: State, joint: usize, over: Over, scale: f64, bar: f64) -> Result<Option<Free>, GapError> {
+    /// It begins in steps to first order, where what these leave over is known, and ends exactly.
+    fn free_over(
+        &self,
+        begin: State,
+        roughness: Option<&DVector<f64>>,
+        (joint, over): (usize, Over),
+        scale: f64,
+        bar: f64,
+    ) -> Result<Option<Free>, GapError> {
         let mut response = Response::new(self, &begin.fit, &begin.runs, joint);
         let Some(knots) = Knots::over(over.along(&response)) else { return Ok(None) };
         let force = Force { knots: &knots, joint, over };
@@ -244,6 +254,7 @@ impl Search<'_> {
         let mut now = State { numbers: vec![0.0; knots.at.len()], ..begin };
         let before = now.cost(1.0, scale);
         let (mut size, mut occam) = (None, 0.0);
+        let mut roughness = roughness;
         for _ in 0..STEPS {
             let mut columns = known_columns(&jacobian, &begun, &now.fit.hypothesis);
             let forces = knots.columns(&over.along(&response));
@@ -259,26 +270,38 @@ impl Search<'_> {
                 return Ok(None);
             }
             (size, occam) = (Some(sized.size), sized.paid);
-            let damped = DAMPINGS.into_iter().filter_map(|d| self.moved(&now, &normal.step(&sized, d), &force).ok());
-            let Some(next) = damped.map(|state| (state.cost(sized.size, scale), state)).find(|(cost, _)| *cost < here) else { break };
-            now = next.1;
-            response = Response::new(self, &now.fit, &now.runs, joint);
-            if here - next.0 < ENOUGH {
-                break;
+            let damped = DAMPINGS.into_iter().filter_map(|d| self.moved(&now, &normal.step(&sized, d), &force, roughness).ok());
+            let next = damped.map(|state| (state.cost(sized.size, scale), state)).find(|(cost, _)| *cost < here);
+            let fall = next.as_ref().map_or(0.0, |(cost, _)| here - cost);
+            if let Some((_, next)) = next {
+                now = next;
             }
+            if fall < if roughness.is_some() { ENOUGH_LIGHTLY } else { ENOUGH } {
+                // Where steps to first order bring no more, exact ones go on.
+                if roughness.take().is_none() {
+                    break;
+                }
+                let residual = self.as_residual(&now.fit, &force, &knots.heights(&now.numbers))?;
+                (now.errors, now.runs) = follow(self, &now.fit, Some(&residual), self.problem.step)?;
+            }
+            response = Response::new(self, &now.fit, &now.runs, joint);
+        }
+        if let (Some(_), Some(_)) = (roughness, size) {
+            let residual = self.as_residual(&now.fit, &force, &knots.heights(&now.numbers))?;
+            now.errors = follow(self, &now.fit, Some(&residual), self.problem.step)?.0;
         }
         let Some(size) = size else { return Ok(None) };
         Ok(Some(Free { evidence: before - now.cost(size, scale) - occam, errors: now.errors }))
     }
 
     /// A step, followed in the simulator.
-    fn moved(&self, from: &State, step: &DVector<f64>, force: &Force<'_>) -> Result<State, GapError> {
+    fn moved(&self, from: &State, step: &DVector<f64>, force: &Force<'_>, roughness: Option<&DVector<f64>>) -> Result<State, GapError> {
         let mut fit = from.fit.clone();
         let known = fit.hypothesis.x.len();
         fit.hypothesis.x.iter_mut().zip(step.iter()).for_each(|(x, step)| *x += step);
         let numbers: Vec<f64> = from.numbers.iter().zip(step.iter().skip(known)).map(|(w, step)| w + step).collect();
         let residual = self.as_residual(&fit, force, &force.knots.heights(&numbers))?;
-        let (errors, runs) = follow(self, &fit, Some(&residual), self.problem.step)?;
+        let (errors, runs) = follow_lightly(self, &fit, &residual, self.problem.step, roughness)?;
         Ok(State { fit, numbers, errors, runs })
     }
 

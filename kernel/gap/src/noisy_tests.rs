@@ -160,3 +160,18 @@ fn a_sensor_of_efforts_changes_nothing_about_how_joints_answer() {
     let mobility = |model: &ObjectModel| Plant::new(model, &[[false; 2]], 1e-3).unwrap().mobility(&[0.5], 0.005, &[2.0]);
     assert_eq!(mobility(&drifts), mobility(&door()));
 }
+
+/// Under half the noise the same errors say four times as much, under more of it no more.
+#[test]
+fn errors_say_more_under_less_noise() {
+    let noise = |position: f64, effort: f64| crate::observer::Disturbance {
+        position: vec![position],
+        share: vec![0.01],
+        quiet: vec![0.1],
+        effort: vec![effort],
+        reading: vec![0.0],
+    };
+    assert_eq!(noise(1e-4, 0.2).tells_more_than(&noise(2e-4, 0.1)), 4.0);
+    assert_eq!(noise(1e-4, 0.2).tells_more_than(&noise(1e-4, 0.1)), 1.0);
+    assert_eq!(noise(1e-4, 0.0).tells_more_than(&noise(1e-4, 0.0)), 1.0, "efforts that are exact");
+}

@@ -78,6 +78,13 @@ impl Disturbance {
         Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
 
+    /// By how many times more, at the most, errors say under this one than under another: the square of how much smaller any of it is.
+    pub fn tells_more_than(&self, other: &Self) -> f64 {
+        let both = |of: fn(&Self) -> &Vec<f64>| of(self).iter().zip(of(other)).filter(|(own, _)| **own > 0.0);
+        let all = both(|d| &d.position).chain(both(|d| &d.share)).chain(both(|d| &d.effort));
+        all.map(|(own, other)| (other / own).powi(2)).fold(1.0, f64::max)
+    }
+
     /// Are efforts measured beside commands?
     pub fn reads_efforts(&self) -> bool {
         self.reading.iter().any(|r| *r > 0.0)

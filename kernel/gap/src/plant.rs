@@ -54,6 +54,8 @@ struct Ends {
 /// Share of the time of a drive's loop that a step may take, and the shortest step, s.
 const SHARE: f64 = 0.05;
 const SHORTEST: f64 = 2e-4;
+/// Share by which the step of a piece that is gone in one may be longer than the longest: rows whose stamps jitter about it are one each.
+const LONGER: f64 = 0.15;
 /// Share of an interval that is no piece of its own.
 const SHORT: f64 = 1e-6;
 /// Rows after which both sides of a play have met.
@@ -307,6 +309,11 @@ impl Plant {
         Ok(self)
     }
 
+    /// The same in steps to first order.
+    pub fn roughly(self) -> Self {
+        Self { rough: true, ..self }
+    }
+
     /// Effort that the drive of joint `j` needs as its input to give `effort` at `q`, `v`; where it is commanded a position, that is the input.
     pub fn input_for(&self, j: usize, drive: Drive, effort: f64, [target, v]: [f64; 2]) -> f64 {
         match (drive, &self.laws[j]) {
@@ -386,7 +393,8 @@ impl Plant {
     fn piece(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, [from, to]: [f64; 2]) -> Result<(), GapError> {
         let n = trajectory.joints;
         let duration = to - from;
-        let steps = (duration / (2.0 * self.step) - 1e-6).ceil().max(1.0);
+        let steps = duration / (2.0 * self.step);
+        let steps = if steps < 1.0 + LONGER { 1.0 } else { (steps - 1e-6).ceil() };
         motion.begin.copy_from(&motion.state, from);
         motion.state.time = from;
         let coarse = self.steps(motion, trajectory, k, duration / steps, steps as usize).is_ok();

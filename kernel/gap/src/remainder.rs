@@ -23,6 +23,7 @@ use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::observer::Run;
+use crate::plant::Plant;
 use crate::report::Remainder;
 use crate::response::Response;
 use crate::search::{STEP, Search};
@@ -60,6 +61,7 @@ pub(crate) fn learn(
     seed: u64,
 ) -> Result<Option<Residual>, GapError> {
     let (mut errors, mut runs) = follow(search, fit, None, STEP)?;
+    let roughness = search.roughness(fit, &errors, STEP);
     let begun = |(joint, nameless): &(usize, Nameless)| {
         let response = Response::new(search, fit, &runs, *joint);
         Ok(Learned { joint: *joint, network: fresh(&response, search.kind(fit, *joint), nameless.force, seed)? })
@@ -77,7 +79,7 @@ pub(crate) fn learn(
             break;
         }
         let tried = joined(search, fit, &learned, seed)?;
-        let Ok((after, along)) = follow(search, fit, Some(&tried), STEP) else { break };
+        let Ok((after, along)) = follow_lightly(search, fit, &tried, STEP, roughness.as_ref()) else { break };
         // What the linear response promises the simulator need not keep.
         if after.norm_squared() >= before {
             break;
@@ -93,11 +95,35 @@ pub(crate) fn learn(
 
 /// Prediction errors of a fitted model with a learned force, and its runs, in steps no longer than `step`.
 pub(crate) fn follow(search: &Search<'_>, fit: &Fit, residual: Option<&Residual>, step: f64) -> Result<(DVector<f64>, Vec<Run>), GapError> {
-    let plant = fit.hypothesis.plant(&fit.hypothesis.x, &search.problem.limits, step)?.with_residual(residual)?;
-    search.problem.followed(&plant)
+    search.problem.followed(&search.plant(fit, residual, step)?)
+}
+
+/// The same in steps to first order, where what these leave over without such a force is known: it is nearly the same with it.
+pub(crate) fn follow_lightly(
+    search: &Search<'_>,
+    fit: &Fit,
+    residual: &Residual,
+    step: f64,
+    roughness: Option<&DVector<f64>>,
+) -> Result<(DVector<f64>, Vec<Run>), GapError> {
+    let Some(roughness) = roughness else { return follow(search, fit, Some(residual), step) };
+    let (errors, runs) = search.problem.followed(&search.plant(fit, Some(residual), step)?.roughly())?;
+    Ok((errors + roughness, runs))
 }
 
 impl Search<'_> {
+    /// What steps to first order leave over in a fit's errors; none where rows are not so short that they say which way to go, or where they get
+    /// lost.
+    pub fn roughness(&self, fit: &Fit, errors: &DVector<f64>, step: f64) -> Option<DVector<f64>> {
+        let rough = || self.problem.followed(&self.plant(fit, None, step)?.roughly());
+        if self.problem.has_short_rows() { Some(errors - rough().ok()?.0) } else { None }
+    }
+
+    /// A fitted model with a learned force, in steps no longer than `step`.
+    fn plant(&self, fit: &Fit, residual: Option<&Residual>, step: f64) -> Result<Plant, GapError> {
+        fit.hypothesis.plant(&fit.hypothesis.x, &self.problem.limits, step)?.with_residual(residual)
+    }
+
     fn kind(&self, fit: &Fit, joint: usize) -> JointKind {
         fit.hypothesis.model.joints[self.joints[joint]].kind
     }

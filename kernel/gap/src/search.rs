@@ -429,7 +429,7 @@ impl<'a> Search<'a> {
         let begun = [candidate.fit.hypothesis, back].into_iter().filter_map(|hypothesis| Fit::start(&self.problem, hypothesis).ok());
         let mut fit = begun.min_by(|a, b| a.squares.total_cmp(&b.squares))?;
         fit.judged = base.judged + fit.squares - base.squares;
-        fit.differentiate(&self.problem.roughly(), Some(&base.jacobian)).ok()?;
+        fit.differentiate(&self.problem, true, Some(&base.jacobian)).ok()?;
         let evidence = self.evidence(&fit, scale);
         evidence.is_finite().then_some(Candidate { fit, evidence, ..candidate })
     }
