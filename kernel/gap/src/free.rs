@@ -255,6 +255,10 @@ impl Search<'_> {
         let before = now.cost(1.0, scale);
         let (mut size, mut occam) = (None, 0.0);
         let mut roughness = roughness;
+        let exactly = |state: &State| {
+            let residual = self.as_residual(&state.fit, &force, &knots.heights(&state.numbers))?;
+            follow(self, &state.fit, Some(&residual), self.problem.step)
+        };
         for _ in 0..STEPS {
             let mut columns = known_columns(&jacobian, &begun, &now.fit.hypothesis);
             let forces = knots.columns(&over.along(&response));
@@ -281,16 +285,14 @@ impl Search<'_> {
                 if roughness.take().is_none() {
                     break;
                 }
-                let residual = self.as_residual(&now.fit, &force, &knots.heights(&now.numbers))?;
-                (now.errors, now.runs) = follow(self, &now.fit, Some(&residual), self.problem.step)?;
+                (now.errors, now.runs) = exactly(&now)?;
             }
             response = Response::new(self, &now.fit, &now.runs, joint);
         }
-        if let (Some(_), Some(_)) = (roughness, size) {
-            let residual = self.as_residual(&now.fit, &force, &knots.heights(&now.numbers))?;
-            now.errors = follow(self, &now.fit, Some(&residual), self.problem.step)?.0;
-        }
         let Some(size) = size else { return Ok(None) };
+        if roughness.is_some() {
+            now.errors = exactly(&now)?.0;
+        }
         Ok(Some(Free { evidence: before - now.cost(size, scale) - occam, errors: now.errors }))
     }
 

@@ -429,8 +429,9 @@ impl Smoothed {
         motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > share * range)
     }
 
-    /// Goes on until row `k`, by `guided`, the measured inputs with the forces so far, N m or N. What has strayed from the measured motion is brought back by forces that the data then have: beside an unstable rest
-    /// a motion without them falls to where errors do not grow, and noise seems to matter little.
+    /// Goes on until row `k`, by `guided`, the measured inputs with the forces so far, N m or N. What has strayed from the measured motion is brought
+    /// back by forces that the data then have: beside an unstable rest a motion without them falls to where errors do not grow, and noise seems to
+    /// matter little.
     fn goes_on(
         &self,
         plant: &Plant,
