@@ -456,6 +456,27 @@ impl System {
         }
     }
 
+    /// Lets time, s, pass while all joints stand: the inner states of effects on them go on, bases swing on alone, with what they carry in the last
+    /// step. What is on its way to a drive, and what a motor does apart from its link, stays.
+    pub fn stand(&self, ws: &StepWorkspace, state: &mut State, duration: f64) {
+        for placed in self.placements() {
+            let description = placed.effect.description();
+            if placed.z.is_empty() || description.acts != Acts::Joint || description.takes_input() {
+                continue;
+            }
+            let before = state.z[placed.z.clone()].to_vec();
+            let q = placed.q.map_or(0.0, |q| state.q[q]);
+            let at = Instant { dt: duration, ..Instant::at(q, 0.0, 0.0, 0.0, state.time, &before) };
+            placed.effect.advance_values(self.theta_of(placed), &at, &mut state.z[placed.z.clone()]);
+        }
+        for (place, base) in self.sways.iter().zip(&ws.bases) {
+            let placed = &self.placements()[place.placement];
+            if let Some(sway) = placed.effect.sway(self.theta_of(placed)) {
+                sway.swing_on(base.carried, &mut state.z[placed.z.clone()], duration);
+            }
+        }
+    }
+
     pub(crate) fn base_step(&self, place: &SwayPlace, base: &BaseMotion, state: &State, h: f64) -> Option<BaseStep> {
         let placed = &self.placements()[place.placement];
         let sway = placed.effect.sway(self.theta_of(placed))?;

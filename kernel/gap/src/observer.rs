@@ -42,7 +42,7 @@ use nalgebra::DVector;
 
 use crate::GapError;
 use crate::plant::{Motion, Plant};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{CUT, Trajectory};
 
 /// What the data bring with them: standard deviations, by joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -298,6 +298,10 @@ pub(crate) fn run(
     let mut read = vec![f64::NAN; gains.efforts.len()];
     for k in 0..trajectory.rows() {
         if trajectory.starts.contains(&k) {
+            if k > 0 || trajectory.continues {
+                let passed = trajectory.time[k] - motion.state.time;
+                plant.pause(motion, passed.max(0.0), k == 0 && passed > (CUT.0 * trajectory.period()).max(CUT.1));
+            }
             for j in 0..n {
                 motion.state.v[j] = first_velocity(trajectory, k, j);
                 motion.acceleration[j] = 0.0;

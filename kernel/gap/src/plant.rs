@@ -550,6 +550,16 @@ impl Plant {
         if self.misread[j] { self.system.measure(&motion.state, 0.0, j).effort.value } else { 0.0 }
     }
 
+    /// Lets time, s, pass in which nothing was recorded. A joint that was brought nowhere meanwhile stood, and what is bent there stays so. A new
+    /// recording `begins` where the base is at rest as well.
+    pub fn pause(&self, motion: &mut Motion, passed: f64, begins: bool) {
+        let Motion { state, ws, .. } = motion;
+        self.system.stand(ws, state, passed);
+        for base in self.system.placements().iter().filter(|p| begins && p.effect.description().acts == Acts::Base) {
+            state.z[base.z.clone()].fill(0.0);
+        }
+    }
+
     /// Appends the inverse of the mass matrix at the state. One that cannot be had is zero.
     pub fn inverse_mass(&self, motion: &mut Motion, into: &mut Vec<f64>) {
         let multibody = self.system.multibody();

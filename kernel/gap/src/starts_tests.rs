@@ -218,6 +218,30 @@ fn what_a_pause_let_go_is_not_carried_into_the_next_recording() {
     assert!(squares < 1.2 * white, "{squares} of {white}");
 }
 
+/// A session of two recordings with a second between them, in which its base, shaken at the end of the first, came to rest. It was taken for as
+/// far out as before, and unseen data spoke against a mode that was right.
+#[test]
+fn a_base_does_not_stand_still_while_nothing_is_recorded() {
+    let mut truth = with(&door(), "unmodelled_mode", &[("frequency", 5.0), ("damping_ratio", 0.1), ("mass", 3.0)]);
+    truth.document.effects[0].joint = None;
+    let logs = [0.0, 11.0].map(|from| {
+        // Shaken faster and faster until it ends.
+        let mut log = driven(&truth, 2e-5, 1, 0.9, |t| 0.9 + 0.3 * (0.1 * t * (t * t + 10.0).sqrt()).sin());
+        let joint = &mut log.joints[0];
+        for series in [&mut joint.position, joint.effort.as_mut().unwrap()] {
+            series.time.iter_mut().for_each(|t| *t += from);
+        }
+        Log { continues: from > 0.0, ..log }
+    });
+    let trajectories = logs.map(|log| Trajectory::new(&log, &door()).unwrap());
+    let search = Search::new(&door(), &trajectories).unwrap();
+    let known = search.known(&truth, 1.0).unwrap().hypothesis;
+    let x: Vec<f64> = known.fitted.iter().map(|f| f.prior[0]).collect();
+    let errors = search.problem.errors(&known, &x).unwrap();
+    let second = errors.rows(errors.len() / 2, 300).norm_squared();
+    assert!(second < 1.5 * 300.0, "{second} of 300");
+}
+
 /// One joint of an arm rests and shows its noise only, the other moves; and a recording is cut in two without a pause.
 #[test]
 fn noise_of_a_joint_that_rests_and_a_cut_end_no_session() {

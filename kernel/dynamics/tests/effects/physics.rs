@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Isometry3;
 use sagci_dynamics::effects::{Advance, Instant, Resistance, find};
 use sagci_dynamics::{Input, Part, State, System};
-use sagci_model::EffectEntry;
+use sagci_model::{EffectEntry, ObjectModel};
 
 use crate::common::{WIDE, joint, link, model, pendulum, welded};
 use crate::{block, entry, run};
@@ -580,8 +580,35 @@ fn wear_decays_and_scales_losses_alone() {
     assert!(state.v[0] > 0.5);
 }
 
+/// Springs that hardly give way let joints stand: what goes on without a step is where many steps bring it, of a base and of air behind a seal.
+#[test]
+fn what_goes_on_while_joints_stand_is_where_steps_bring_it() {
+    for ratio in [0.0, 0.07, 1.0] {
+        let mut model = base_with_blocks(Some(&[("frequency", 5.0), ("damping_ratio", ratio), ("mass", 10.0)]));
+        model.document.effects.push(entry("joint_spring", Some("ja"), &[("stiffness", 1e9), ("rest_position", 0.0)]));
+        let air = [("stiffness", 1.0), ("time_constant", 0.5), ("seal_position", 0.0)];
+        model.document.effects.push(entry("air_suction", Some("ja"), &air));
+        let system = System::new(&[Part::welded(&model, Isometry3::identity())]).unwrap();
+        let (mut state, mut ws) = (system.state(), system.workspace());
+        state.z.copy_from_slice(&[0.01, -0.2, 0.3]);
+        // The workspace knows what the base carries after a step.
+        system.step(&mut ws, &mut state.clone(), &Input::default(), 1e-5).unwrap();
+        let mut stood = state.clone();
+        system.stand(&ws, &mut stood, 0.4);
+        for _ in 0..40_000 {
+            system.step(&mut ws, &mut state, &Input::default(), 1e-5).unwrap();
+        }
+        let near = stood.z.iter().zip(&state.z).zip([2e-5, 1e-3, 1e-5]).all(|((a, b), bound)| (a - b).abs() < bound);
+        assert!(near && stood.z[2] < 0.14, "{ratio}: {:?} {:?}", stood.z, state.z);
+    }
+}
+
 /// Two blocks on one base along x, and the base that gives way.
 fn on_a_base(mode: Option<&[(&str, f64)]>) -> System {
+    System::new(&[Part::welded(&base_with_blocks(mode), Isometry3::identity())]).unwrap()
+}
+
+fn base_with_blocks(mode: Option<&[(&str, f64)]>) -> ObjectModel {
     let body = |n: &str| link(n, 2.0, [0.0; 3], [0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
     let urdf = link("base", 5.0, [0.0; 3], [1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
         + &body("a")
@@ -592,7 +619,7 @@ fn on_a_base(mode: Option<&[(&str, f64)]>) -> System {
     if let Some(parameters) = mode {
         model.document.effects.push(EffectEntry { joint: None, ..entry("unmodelled_mode", None, parameters) });
     }
-    System::new(&[Part::welded(&model, Isometry3::identity())]).unwrap()
+    model
 }
 
 #[test]

@@ -347,3 +347,18 @@ pub struct Sway {
     /// N/m.
     pub stiffness: Partial,
 }
+
+impl Sway {
+    /// Lets a base swing on alone for some time, s, with kilograms on it that stand. `z` are its displacement, m, and rate. It is the way of a free
+    /// oscillation, `s'' + 2 a s' + (a^2 + w^2) s = 0`, at once (Inman 2014, section 1.3); critical damping is the most that one has.
+    pub(crate) fn swing_on(&self, carried: f64, z: &mut [f64], duration: f64) {
+        let mass = self.mass.value + carried;
+        let (a, square) = (0.5 * self.damping.value / mass, self.stiffness.value / mass);
+        let w = (square - a * a).max(0.0).sqrt();
+        let (sine, cosine) = (w * duration).sin_cos();
+        let (sine, left) = (if w > 0.0 { sine / w } else { duration }, (-a * duration).exp());
+        let (s, rate) = (z[0], z[1]);
+        z[0] = left * (s * cosine + (rate + a * s) * sine);
+        z[1] = left * (rate * cosine - (a * rate + square * s) * sine);
+    }
+}
