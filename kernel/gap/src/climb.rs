@@ -178,8 +178,46 @@ impl<'a> Climb<'a> {
     fn names_one(&mut self, ascent: &Ascent<'_>) -> Result<bool, GapError> {
         let Ascent { model, window, say, .. } = *ascent;
         say(&format!("looking for {} missing effect", if self.chosen.is_empty() { "a" } else { "another" }));
+        let Some(mut candidates) = self.offered()? else { return Ok(false) };
+        let (search, scale, current) = (&self.search, self.scale, &self.current);
+        let here = search.evidence(current, scale);
+        let likeliest = candidates.clone();
+        call_by_plain_name(&mut candidates);
+        search.prefer_simpler(model, &mut candidates, here, window)?;
+        search.prefer_two(model, current, &mut candidates, scale, window)?;
+        let Some(best) = candidates.first() else { return Ok(false) };
+        say(&format!("  most likely: {}", best_three(&candidates, here)));
+        let gain = best.evidence - here;
+        let without_name = search.without_name(current, &best.fit, gain, scale)?;
+        let turn = self.turn(&candidates, &likeliest, here);
+        let found = self.first_there(&candidates, &turn, here, ascent)?;
+        let Some((first, There { settled, adds_up, small }, counts)) = found else {
+            self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
+            self.lost = beside(&candidates, here);
+            return Ok(false);
+        };
+        candidates[..=first].rotate_right(1);
+        let best = &candidates[0];
+        if !counts {
+            return Ok(self.gives_shape(&candidates, here, &settled, say));
+        }
+        let explained = search.explained(current, &best.fit);
+        if self.chosen.is_empty() {
+            let (search, base) = (search.clone(), self.base.clone());
+            self.first = Some(Box::new(First { search, base, scale, candidates: candidates.clone(), here, nameless: without_name }));
+        }
+        self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
+        self.current = settled;
+        self.holds_small |= small;
+        self.adds_up |= adds_up;
+        self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
+        Ok(true)
+    }
+
+    /// Candidates for one more effect, weighed under the noise that is likeliest with the best of them; none where nothing is offered.
+    fn offered(&mut self) -> Result<Option<Vec<Candidate>>, GapError> {
         let mut candidates = self.search.stage(&self.current, self.scale)?;
-        let Some(first) = candidates.first() else { return Ok(false) };
+        let Some(first) = candidates.first() else { return Ok(None) };
         let mut next = self.search.scale(&first.fit);
         let likelier = self.search.likelier_noise(&first.fit)?;
         // Beside names, under a noise that is known, most often nothing is there and none comes near.
@@ -195,75 +233,62 @@ impl<'a> Climb<'a> {
             next = candidates.iter().map(|c| self.search.scale_as_judged(&c.fit)).fold(f64::INFINITY, f64::min);
         }
         self.scale = next;
-        let (search, scale, current) = (&self.search, self.scale, &self.current);
-        search.rank(&mut candidates, scale);
+        self.search.rank(&mut candidates, self.scale);
         if hopeful {
-            search.settle_near(&mut candidates, scale);
+            self.search.settle_near(&mut candidates, self.scale);
         }
-        let here = search.evidence(current, scale);
-        let likeliest = candidates.clone();
-        call_by_plain_name(&mut candidates);
-        search.prefer_simpler(model, &mut candidates, here, window)?;
-        search.prefer_two(model, current, &mut candidates, scale, window)?;
-        let Some(best) = candidates.first() else { return Ok(false) };
-        say(&format!("  most likely: {}", best_three(&candidates, here)));
-        let gain = best.evidence - here;
-        let without_name = search.without_name(current, &best.fit, gain, scale)?;
-        // Beside a name, where the one that comes first does not convince, another of the likeliest may: what more than one effect leaves hangs
-        // together, and what bends to that is refused for it. Without any, what hangs together so may be none of the catalogue.
-        let mut turn = vec![0];
+        Ok(Some(candidates))
+    }
+
+    /// Which candidates are asked, in turn. Beside a name, where the one that comes first does not convince, another of the likeliest may: what more
+    /// than one effect leaves hangs together, and what bends to that is refused for it. Without any, what hangs together so may be none of the
+    /// catalogue.
+    fn turn(&self, candidates: &[Candidate], likeliest: &[Candidate], here: f64) -> Vec<usize> {
+        let convinces = |c: &Candidate| c.evidence - here > CONVINCING;
         // A plainer name that came before the likeliest and does not convince is no reason not to ask that one.
-        let stands_back = gain <= CONVINCING && likeliest.first().is_some_and(|l| l.evidence - here > CONVINCING);
+        let stands_back = candidates.first().is_some_and(|c| !convinces(c)) && likeliest.first().is_some_and(convinces);
         let others = if self.chosen.is_empty() { usize::from(stands_back) } else { TRIED };
-        turn.extend(likeliest.iter().take(others).filter_map(|l| {
-            candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint)).filter(|i| *i > 0 && l.evidence - here > CONVINCING)
-        }));
-        // One that is too small for a second name is no reason not to ask the next.
+        let place = |l: &Candidate| candidates.iter().position(|c| (c.effect, c.joint) == (l.effect, l.joint));
+        let convincing = likeliest.iter().take(others).filter(|l| convinces(l));
+        std::iter::once(0).chain(convincing.filter_map(place).filter(|i| *i > 0)).collect()
+    }
+
+    /// The first of candidates in turn that is there and counts, or else that is there at all, and whether it counts. One that is too small for a
+    /// second name is no reason not to ask the next.
+    fn first_there(
+        &self,
+        candidates: &[Candidate],
+        turn: &[usize],
+        here: f64,
+        ascent: &Ascent<'_>,
+    ) -> Result<Option<(usize, There, bool)>, GapError> {
         let (mut found, mut asked) = (None, false);
         for i in turn {
-            let Some(there) = self.is_there(&candidates[i], here, ascent, &mut asked)? else { continue };
+            let Some(there) = self.is_there(&candidates[*i], here, ascent, &mut asked)? else { continue };
             let counts = !there.small || self.brings_near(&there.settled, ascent);
-            if counts || found.is_none() {
-                found = Some((i, there, counts));
-            }
             if counts {
-                break;
+                return Ok(Some((*i, there, true)));
             }
+            found = found.or(Some((*i, there, false)));
         }
-        let Some((first, There { settled, adds_up, small }, counts)) = found else {
-            self.nameless_won = without_name > 2.0 * CONVINCING && gain < without_name;
-            self.lost = beside(&candidates, here);
-            return Ok(false);
-        };
-        candidates[..=first].rotate_right(1);
-        let best = &candidates[0];
-        // A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by.
-        // Where the likeliest alone says what the plainer one and this say, that is the shape. What brings windows near that are far off without
-        // it is one.
-        if !counts {
-            if let Some((instead, alone)) = self.passed.take().and_then(|passed| search.likeliest_alone(passed, scale))
-                && search.evidence(&alone, scale) > search.evidence(&settled, scale) - CONVINCING
-                && let Some(last) = self.chosen.pop()
-            {
-                say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
-                self.chosen.push(last.giving_way_to(search, &instead, scale));
-                self.current = alone;
-                return Ok(true);
-            }
-            self.lost = beside(&candidates, here);
-            return Ok(false);
+        Ok(found)
+    }
+
+    /// A force below what any model is off by, and small beside the names before it, is no second name: it is what their shapes are off by. Where the
+    /// likeliest alone says what the plainer one before and this say, that is the shape. What brings windows near that are far off without it is one.
+    fn gives_shape(&mut self, candidates: &[Candidate], here: f64, settled: &Fit, say: &dyn Fn(&str)) -> bool {
+        let (search, scale) = (&self.search, self.scale);
+        if let Some((instead, alone)) = self.passed.take().and_then(|passed| search.likeliest_alone(passed, scale))
+            && search.evidence(&alone, scale) > search.evidence(settled, scale) - CONVINCING
+            && let Some(last) = self.chosen.pop()
+        {
+            say(&format!("  {} alone says as much as {} and this", instead[0].effect, last.best.effect));
+            self.chosen.push(last.giving_way_to(search, &instead, scale));
+            self.current = alone;
+            return true;
         }
-        let explained = search.explained(current, &best.fit);
-        if self.chosen.is_empty() {
-            let (search, base) = (search.clone(), self.base.clone());
-            self.first = Some(Box::new(First { search, base, scale, candidates: candidates.clone(), here, nameless: without_name }));
-        }
-        self.passed = likeliest.first().is_some_and(|c| (c.effect, c.joint) != (best.effect, best.joint)).then_some(likeliest);
-        self.current = settled;
-        self.holds_small |= small;
-        self.adds_up |= adds_up;
-        self.chosen.push(Choice::new(search, &candidates, here, without_name, explained, scale));
-        Ok(true)
+        self.lost = beside(candidates, here);
+        false
     }
 
     /// A candidate, if it is there. `asked` says whether another was looked for beside one of its rivals: that is a search of its own, and made

@@ -8,6 +8,7 @@ use sagci_model::{JointKind, ObjectModel};
 use crate::GapError;
 use crate::fit::{Fit, are_short, told};
 use crate::hypothesis::Hypothesis;
+use crate::invent::Inventor;
 use crate::memory::Memory;
 use crate::noise;
 use crate::observer::Noise;
@@ -86,7 +87,8 @@ impl<'a> Measure<'a> {
     fn floor(&self, plants: &[Plant; 2], smoothed: &Smoothed, seed: u64) -> Result<Figures, GapError> {
         let Self { data, noise, ranges, window, .. } = self;
         let efforts: Vec<f64> = (0..ranges.len()).map(|j| noise::of_efforts(data, j)).collect();
-        let invented = smoothed.invent(&plants[1], data, (noise, &efforts), (*window, ranges), seed);
+        let inventor = Inventor { plant: &plants[1], smoothed, noise, efforts: &efforts, window: *window, ranges };
+        let invented = inventor.invent(data, seed);
         Ok(self.smoothed(plants, &invented)?.figures(&plants[1], &invented, *window, ranges).0)
     }
 

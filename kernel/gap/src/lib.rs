@@ -21,6 +21,7 @@ mod given;
 mod hypothesis;
 mod inertial;
 mod inputs;
+mod invent;
 mod jitter;
 mod left_over;
 mod locked;

@@ -315,8 +315,8 @@ impl<'a> Search<'a> {
 
     /// Is an effect worth a name? Its force is more than what any model is off by and makes the gap smaller, or it adds up to a good part
     /// of the gap: a small loss does over a long swing; or it makes the usual window's error clearly smaller; or the rows are certain of it.
-    /// `gain` is what the evidence gains by it, and `force` is [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a model sticks or hits something, windows go one way or
-    /// the other by little. Nor is it of what an effort that is read beside a command shows.
+    /// `gain` is what the evidence gains by it, and `force` is [`Self::force_between`] the two fits. Of a large force the gap is not asked: where a
+    /// model sticks or hits something, windows go one way or the other by little. Nor is it of what an effort that is read beside a command shows.
     pub fn is_material(
         &self,
         model: &ObjectModel,

@@ -5,17 +5,14 @@
 //! shares of its range. A window that diverges counts as the joint's range.
 
 use nalgebra::DVector;
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::GapError;
-use crate::noise;
 use crate::observer::{self, Errors, Gains, Noise, Run};
 use crate::part;
 use crate::plant::{Motion, Plant};
-use crate::trajectory::{Drive, Trajectory};
+use crate::trajectory::Trajectory;
 
 /// One figure of the gap.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -29,10 +26,6 @@ pub struct Figures {
     /// RMS over joints of the RMSE in shares of the joint's range.
     pub pooled: f64,
 }
-
-/// Share of the joints' ranges by which an invented motion strays from the measured one before it is brought back, and how fast it is, s.
-const STRAYED: f64 = 0.01;
-const BACK: f64 = 0.1;
 
 /// Short windows, s.
 pub(crate) const SHORT: f64 = 0.25;
@@ -48,21 +41,11 @@ pub(crate) struct Window {
     pub velocity: Vec<f64>,
 }
 
-/// Accelerations by what acts on the way to row `k` beside what was put in for it, drawn as it is doubted; empty where all was measured.
-fn doubted(plant: &Plant, motion: &mut Motion, trajectory: &Trajectory, k: usize, normal: &mut impl FnMut() -> f64) -> Vec<f64> {
-    let n = trajectory.joints;
-    let Some(doubts) = trajectory.doubt.get(k * n..(k + 1) * n).filter(|d| d.iter().any(|d| *d > 0.0)) else { return Vec::new() };
-    let mut inverse = Vec::new();
-    plant.inverse_mass(motion, &mut inverse);
-    let efforts: Vec<f64> = doubts.iter().map(|d| d * normal()).collect();
-    (0..n).map(|j| efforts.iter().enumerate().map(|(i, u)| inverse[i * n + j] * u).sum()).collect()
-}
-
 /// The run along the data that gives windows their first states.
 pub(crate) struct Smoothed {
-    runs: Vec<Run>,
+    pub runs: Vec<Run>,
     /// Factors on the noises of positions and accelerations that are most likely.
-    factors: [f64; 2],
+    pub factors: [f64; 2],
 }
 
 /// Factors on the noises among which the most likely are taken.
@@ -340,7 +323,8 @@ impl Smoothed {
         Ok((runs, largest))
     }
 
-    fn set(&self, motion: &mut Motion, trajectory: &Trajectory, index: usize, row: usize) {
+    /// Sets a motion where a run is in a row of its trajectory.
+    pub fn set(&self, motion: &mut Motion, trajectory: &Trajectory, index: usize, row: usize) {
         let (run, n) = (&self.runs[index], trajectory.joints);
         motion.state.q.copy_from_slice(&run.q[row * n..(row + 1) * n]);
         motion.state.v.copy_from_slice(&run.v[row * n..(row + 1) * n]);
@@ -421,98 +405,6 @@ impl Smoothed {
             .collect();
         let rmse_short = (0..n).map(|j| total(&short, j)).collect();
         (Figures { median, rmse_short, pooled: pooled(&rmse, ranges), rmse }, windows)
-    }
-
-    /// Is a motion further from the measured one than a share of the joints' ranges?
-    fn is_off(&self, motion: &Motion, index: usize, row: usize, ranges: &[f64], share: f64) -> bool {
-        let measured = &self.runs[index].q[row * ranges.len()..];
-        motion.state.q.iter().zip(measured).zip(ranges).any(|((q, y), range)| (q - y).is_nan() || (q - y).abs() > share * range)
-    }
-
-    /// Goes on until row `k`, by `guided`, the measured inputs with the forces so far, N m or N. What has strayed from the measured motion is brought
-    /// back by forces that the data then have: beside an unstable rest a motion without them falls to where errors do not grow, and noise seems to
-    /// matter little.
-    fn goes_on(
-        &self,
-        plant: &Plant,
-        motion: &mut Motion,
-        guided: &mut Trajectory,
-        index: usize,
-        k: usize,
-        ranges: &[f64],
-    ) -> Result<(), GapError> {
-        if !self.is_off(motion, index, k - 1, ranges, STRAYED) {
-            return plant.interval(motion, guided, k - 1);
-        }
-        let (n, run) = (ranges.len(), &self.runs[index]);
-        guided.external.resize(guided.input.len(), 0.0);
-        let (begin, h) = (motion.state.clone(), guided.time[k] - guided.time[k - 1]);
-        plant.interval(motion, guided, k - 1)?;
-        let to_way = |j: usize| run.v[k * n + j] + (run.q[k * n + j] - motion.state.q[j]) / BACK - motion.state.v[j];
-        let accelerations: Vec<f64> = (0..n).map(|j| to_way(j) / h).collect();
-        motion.state = begin;
-        let efforts = plant.efforts_for(motion, &accelerations)?;
-        guided.external[(k - 1) * n..k * n].iter_mut().zip(efforts).for_each(|(external, effort)| *external += effort);
-        plant.interval(motion, guided, k - 1)
-    }
-
-    /// Data that the plant itself makes under the same inputs, with the measured noise, that of efforts by joint: what is left of the gap then is its
-    /// floor. The motion is put back on the measured one every few windows, and led back to it between, so that it stays where the data are.
-    /// Accelerations are at the most as noisy as they are given: what a plant lacks is none of their noise.
-    pub fn invent(
-        &self,
-        plant: &Plant,
-        trajectories: &[Trajectory],
-        (noise, efforts): (&Noise, &[f64]),
-        (length, ranges): (f64, &[f64]),
-        seed: u64,
-    ) -> Vec<Trajectory> {
-        let [positions, accelerations] = self.factors;
-        let noise = noise.times([positions, accelerations.min(1.0)]);
-        let mut random = Pcg64::seed_from_u64(seed);
-        let mut normal = move || noise::normal(&mut random);
-        let mut motion = plant.motion();
-        let mut invented = trajectories.to_vec();
-        for (index, trajectory) in invented.iter_mut().enumerate() {
-            let n = trajectory.joints;
-            let original = &trajectories[index];
-            let (mut guided, mut until) = (original.clone(), f64::NEG_INFINITY);
-            trajectory.starts.clear();
-            for k in 0..original.rows() {
-                let anew = original.starts.contains(&k) || original.time[k] >= until;
-                // What gets lost on its way, pushed by noise, begins anew as well.
-                if anew
-                    || self.goes_on(plant, &mut motion, &mut guided, index, k, ranges).is_err()
-                    || self.is_off(&motion, index, k, ranges, 1.0)
-                {
-                    self.set(&mut motion, original, index, k);
-                    trajectory.starts.push(k);
-                    until = original.time[k] + 4.0 * length;
-                } else {
-                    let h = original.time[k] - original.time[k - 1];
-                    let doubted = doubted(plant, &mut motion, original, k, &mut normal);
-                    for j in 0..n {
-                        let [held, white] = noise.accelerations(original, k, j, false);
-                        let push = held.hypot(white) * normal() + doubted.get(j).copied().unwrap_or(0.0);
-                        motion.state.v[j] += h * push;
-                        // What is white moves a joint by more than the mean of it does.
-                        motion.state.q[j] += h * h * (0.5 * push + white / 12_f64.sqrt() * normal());
-                    }
-                    plant.clamp(&mut motion);
-                }
-                motion.state.time = original.time[k];
-                for (j, effort) in efforts.iter().enumerate() {
-                    if original.position[k * n + j].is_finite() {
-                        trajectory.position[k * n + j] = plant.reading(&motion, j) + noise.position[j] * normal();
-                    }
-                    if trajectory.drive[j] == Drive::Effort {
-                        trajectory.input[k * n + j] += effort * normal();
-                    }
-                }
-            }
-            trajectory.external = guided.external;
-        }
-        invented
     }
 }
 
