@@ -10,7 +10,7 @@ use std::ops::{Deref, DerefMut};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 use crate::algorithms::pendulum::{ACROSS, Turning};
-use crate::effects::{Acts, Advance, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Row, Sway, Transfer};
+use crate::effects::{Acts, Advance, HISTORY, Instant, Partial, Reading, Reshape, Resistance, Row, Sway, Transfer, stand};
 use crate::joint::Motion;
 use crate::spatial::{join, linear};
 use crate::step::StepWorkspace;
@@ -460,14 +460,8 @@ impl System {
     /// step. What is on its way to a drive, and what a motor does apart from its link, stays.
     pub fn stand(&self, ws: &StepWorkspace, state: &mut State, duration: f64) {
         for placed in self.placements() {
-            let description = placed.effect.description();
-            if placed.z.is_empty() || description.acts != Acts::Joint || description.takes_input() {
-                continue;
-            }
-            let before = state.z[placed.z.clone()].to_vec();
             let q = placed.q.map_or(0.0, |q| state.q[q]);
-            let at = Instant { dt: duration, ..Instant::at(q, 0.0, 0.0, 0.0, state.time, &before) };
-            placed.effect.advance_values(self.theta_of(placed), &at, &mut state.z[placed.z.clone()]);
+            stand(placed.effect, self.theta_of(placed), q, duration, &mut state.z[placed.z.clone()]);
         }
         for (place, base) in self.sways.iter().zip(&ws.bases) {
             let placed = &self.placements()[place.placement];

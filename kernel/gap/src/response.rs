@@ -11,7 +11,7 @@
 //! stiffness of the loop that a drive closes over the position: a servo holds against most of a force that comes slowly.
 
 use nalgebra::DVector;
-use sagci_dynamics::effects::{Effect, HISTORY, Instant};
+use sagci_dynamics::effects::{self, Effect, HISTORY, Instant};
 
 use crate::fit::Fit;
 use crate::flexible::Place;
@@ -162,9 +162,11 @@ impl Response {
         let inner = effect.states();
         let mut z = vec![0.0; inner + if effect.keeps_history() { 2 * HISTORY } else { 0 }];
         let (mut next, mut forces) = (z.clone(), Vec::with_capacity(self.rows.len()));
-        for row in &self.rows {
-            if row.fresh {
-                z.fill(0.0);
+        for (k, row) in self.rows.iter().enumerate() {
+            match k.checked_sub(1).map(|last| &self.rows[last]) {
+                _ if row.fresh => z.fill(0.0),
+                Some(last) if row.start => effects::stand(effect, theta, last.q, (row.time - last.time).max(0.0), &mut z),
+                _ => (),
             }
             let at = Instant { q: row.q, v: row.v, next: row.next, dt: row.h, input: row.input, load: row.load, time: row.time, z: &z };
             forces.push(effect.force(theta, &at).total(row.next));

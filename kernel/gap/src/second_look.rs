@@ -227,7 +227,7 @@ impl Climb<'_> {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-mod tests {
+pub(crate) mod tests {
     use crate::choice::Choice;
     use crate::climb::{Ascent, Climb};
     use crate::fit::Fit;
@@ -236,10 +236,10 @@ mod tests {
     use crate::tests::{door, swing, with};
     use crate::trajectory::Trajectory;
 
-    type Numbers<'n> = &'n [(&'static str, &'n [(&'static str, f64)])];
+    pub type Numbers<'n> = &'n [(&'static str, &'n [(&'static str, f64)])];
 
     /// Asks something of names that are fitted to what others hide.
-    fn asked<T>(hidden: Numbers<'_>, named: Numbers<'_>, ask: impl FnOnce(&mut Climb<'_>, &Ascent<'_>) -> T) -> T {
+    pub fn asked<T>(hidden: Numbers<'_>, named: Numbers<'_>, ask: impl FnOnce(&mut Climb<'_>, &Ascent<'_>) -> T) -> T {
         let model = door();
         let truth = hidden.iter().fold(model.clone(), |model, (effect, numbers)| with(&model, effect, numbers));
         let data: Vec<Trajectory> = (1..3).map(|seed| Trajectory::new(&swing(&truth, 1e-4, seed), &model).unwrap()).collect();

@@ -115,6 +115,16 @@ pub trait Effect: std::fmt::Debug + Sync {
     fn sway(&self, theta: &[f64]) -> Option<Sway>;
 }
 
+/// Lets time, s, pass for what is inside an effect on a joint that stands at a position, rad or m. What a motor does apart from its link stays.
+pub fn stand(effect: &dyn Effect, theta: &[f64], q: f64, duration: f64, z: &mut [f64]) {
+    let description = effect.description();
+    if z.is_empty() || description.acts != Acts::Joint || description.takes_input() {
+        return;
+    }
+    let before = z.to_vec();
+    effect.advance_values(theta, &Instant { dt: duration, ..Instant::at(q, 0.0, 0.0, 0.0, 0.0, &before) }, z);
+}
+
 /// What one file of the catalogue says: the doors of an [`Effect`], each term written once, for any kind of [`Number`].
 trait Law: std::fmt::Debug + Sync {
     fn description(&self) -> &'static Description;
