@@ -18,7 +18,7 @@ use crate::weigh::{FALL, MATERIAL};
 struct Middle {
     name: &'static str,
     around: [&'static str; 2],
-    /// A length that is less than positions tell where it stands for the two.
+    /// A length that is less than positions tell where it stands for the two alone: then what it leaves may have gone to other names, which are asked.
     short: Option<&'static str>,
     /// Where the two begin, by its values and a typical speed.
     begin: fn(&[f64], f64) -> Option<[Vec<f64>; 2]>,
