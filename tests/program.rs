@@ -13,7 +13,11 @@ struct Said {
 }
 
 fn sagci(arguments: &[&str]) -> Said {
-    let output = Command::new(program()).current_dir(root()).env_remove("SAGCI_SKILLS").args(arguments).output().unwrap();
+    sagci_in(&root(), arguments)
+}
+
+fn sagci_in(folder: &Path, arguments: &[&str]) -> Said {
+    let output = Command::new(program()).current_dir(folder).env_remove("SAGCI_SKILLS").args(arguments).output().unwrap();
     Said {
         code: output.status.code().unwrap(),
         out: String::from_utf8(output.stdout).unwrap(),
@@ -44,7 +48,11 @@ fn the_skills_that_ship_are_found_by_the_program_that_cargo_builds() {
     let said = sagci(&["skills", "show", "opne"]);
     assert_eq!(said.code, 2);
     assert!(said.err.contains("did you mean 'open'?"), "{}", said.err);
-    assert_eq!(sagci(&["skills", "show", "open"]).code, 0);
+    // Wherever a person and a script are.
+    let elsewhere = tempfile::tempdir().unwrap();
+    for from in [root().as_path(), elsewhere.path()] {
+        assert_eq!(sagci_in(from, &["skills", "show", "open"]).code, 0, "{}", from.display());
+    }
 }
 
 #[test]

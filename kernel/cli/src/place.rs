@@ -15,7 +15,17 @@ use crate::error::CliError;
 pub fn project(script: Option<&Path>) -> Option<PathBuf> {
     let here = std::env::current_dir().ok();
     let beside = script.and_then(|s| s.canonicalize().ok()).and_then(|s| s.parent().map(Path::to_owned));
-    beside.into_iter().chain(here).find_map(|start| start.ancestors().find(|a| a.join("world-models").is_dir()).map(Path::to_owned))
+    beside.into_iter().chain(here).find_map(|start| project_above(&start))
+}
+
+/// The nearest folder that holds `world-models/`, from one upward.
+fn project_above(start: &Path) -> Option<PathBuf> {
+    start.ancestors().find(|a| a.join("world-models").is_dir()).map(Path::to_owned)
+}
+
+/// The project that the program was built in: its skills are there wherever a script is.
+fn project_of_program() -> Option<PathBuf> {
+    project_above(&std::env::current_exe().ok()?.canonicalize().ok()?)
 }
 
 /// The library of object models.
@@ -42,7 +52,8 @@ pub fn skills(places: &Places, script: Option<&Path>, log: LogSink) -> Result<Sk
     }
     let reserved = reserved_names();
     let reserved: Vec<&str> = reserved.iter().map(String::as_str).collect();
-    Ok(SkillSet::discover(&SearchPath::usual(&places.skills, project(script).as_deref()), &reserved, &log))
+    let project = project(script).or_else(project_of_program);
+    Ok(SkillSet::discover(&SearchPath::usual(&places.skills, project.as_deref()), &reserved, &log))
 }
 
 /// A log that nobody reads.

@@ -451,8 +451,10 @@ impl Checker<'_> {
             return;
         }
         let mut names: Vec<&str> = known.skills.loaded.iter().map(|s| s.manifest.name.as_str()).collect();
-        let skills =
-            if names.is_empty() { "no skills were found: are they built?".to_owned() } else { format!("skills: {}", names.join(", ")) };
+        let skills = match names.is_empty() {
+            true => "no skills were found; build them with 'cargo build --release', or give their folder with --skills DIR".to_owned(),
+            false => format!("skills: {}", names.join(", ")),
+        };
         names.extend(
             known
                 .functions
