@@ -313,8 +313,9 @@ def make(out, k, seed, count, limits, outside):
     drive = r.choice(DRIVES[mechanism])
     if there & (OF_DRIVES | {"dead_band", "slew", "lost_commands"}) and drive == "effort" or there & {"backlash", "joint_elasticity"}:
         drive = "command_effort"
-    # A servo's own loop sees what its encoder says; an empty voltage is an open circuit.
-    if there & {"encoder_offset", "sensor_drift", "clock_skew", "transport_delay", "lost_commands"} and drive == "command_position":
+    # A servo's own loop sees what its encoder says, and is not stable behind a lag; an empty voltage is an open circuit.
+    of_loop = {"encoder_offset", "sensor_drift", "clock_skew", "transport_delay", "lost_commands", "actuator_lag"}
+    if there & of_loop and drive == "command_position":
         drive = "command_effort"
     if recorded == "with slow commands" and drive in ("command_voltage", "effort"):
         recorded = "evenly"

@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use sagci_dynamics::effects;
 use sagci_model::ObjectModel;
 
 use crate::alike::{Circumstances, alike as alike_by_equations, call_by_plain_name};
@@ -332,9 +333,15 @@ fn what_data_do_not_tell_of_breaking_away_stays_near_sliding() {
 
 /// Neighbours of a fitted effect on data of a door with another, the most likely first, and the evidence of what was fitted.
 fn beside(truth: &ObjectModel, effect: &'static str, values: &[f64]) -> (f64, Vec<Candidate>) {
+    beside_in(&[1, 2].map(|seed| Trajectory::new(&swing(truth, 1e-4, seed), &door()).unwrap()), effect, values)
+}
+
+/// The same on such data.
+fn beside_in(data: &[Trajectory], effect: &'static str, values: &[f64]) -> (f64, Vec<Candidate>) {
     let model = door();
-    let data = [1, 2].map(|seed| Trajectory::new(&swing(truth, 1e-4, seed), &model).unwrap());
-    let search = Search::new(&model, &data).unwrap();
+    let mut search = Search::new(&model, data).unwrap();
+    // Effects of a drive are asked for, too.
+    search.seen[0].commanded = true;
     let base = search.known(&model, 1.0).unwrap();
     let views = search.views(&base, 1.0).unwrap();
     let begun = base.hypothesis.with(effect, Some("hinge"), values).unwrap();
@@ -366,4 +373,19 @@ fn the_other_shape_of_a_name_is_asked_where_the_first_has_ended() {
     assert!(all.len() == 1 && all[0].evidence > evidence + 10.0, "{} for {evidence}", all[0].evidence);
     let found = all[0].fit.hypothesis.model_at(&all[0].fit.hypothesis.x).document.effects.pop().unwrap();
     assert_eq!(found.choices["shape"], "inverse_square");
+}
+
+/// Teeth of an engine that rebound were a rigid play and three other effects, none of which windows needed, and "unknown".
+#[test]
+fn teeth_that_rebound_are_a_play_that_gives_way() {
+    let teeth = [("half_gap", 0.02), ("rotor_inertia", 0.03), ("stiffness", 2500.0), ("damping", 2.0)];
+    let truth = with(&door(), "backlash", &teeth);
+    let way = |t: f64| 0.8 + 0.4 * (3.0 * t).sin() + 0.2 * (7.3 * t + 1.0).sin();
+    let data = [1, 2].map(|seed| Trajectory::new(&driven(&truth, 2e-5, seed, 0.8, |t| way(t + seed as f64)), &door()).unwrap());
+    let (evidence, all) = beside_in(&data, "backlash", &[0.02, 0.03, effects::RIGID, 0.0, 0.0]);
+    assert!(all[0].effect == "backlash" && all[0].evidence > evidence + 100.0, "{} for {evidence}", all[0].evidence);
+    let found = &all[0].fit.hypothesis.model_at(&all[0].fit.hypothesis.x).document.effects[0].parameters;
+    for (name, value) in &teeth[..2] {
+        assert!((found[*name] / value - 1.0).abs() < 0.1, "{found:?}");
+    }
 }

@@ -247,7 +247,7 @@ impl Hypothesis {
     pub fn with(&self, effect: &str, joint: Option<&str>, values: &[f64]) -> Result<Self, GapError> {
         let description = effects::find(effect)?.description();
         let mut entry = EffectEntry { effect: effect.into(), joint: joint.map(Into::into), ..EffectEntry::default() };
-        for (parameter, value) in description.parameters.iter().zip(values) {
+        for (parameter, value) in description.parameters.iter().zip(values).filter(|(p, value)| !p.is_absent(**value)) {
             match parameter.words.get(*value as usize) {
                 Some(word) => drop(entry.choices.insert(parameter.name.into(), (*word).into())),
                 None => drop(entry.parameters.insert(parameter.name.into(), *value)),
@@ -383,7 +383,7 @@ pub(crate) fn turn_of(&[angle, x, y, z]: &[f64; 4]) -> Vector3<f64> {
 fn of_effect(description: &'static Description, entry: usize, prismatic: bool, values: &[f64]) -> Vec<(Fitted, f64)> {
     let side = usize::from(prismatic);
     let second = description.second_word(values);
-    let numbers = description.parameters.iter().zip(values).filter(|(p, _)| p.words.is_empty());
+    let numbers = description.parameters.iter().zip(values).filter(|(p, value)| p.words.is_empty() && !p.is_absent(**value));
     let turn = match (description.parameters, values) {
         ([first, ..], [angle, x, y, z, ..]) if first.name == TURN[0] => match first.prior[side] {
             Prior::Normal { deviation, .. } => Some((first, deviation, turn_of(&[*angle, *x, *y, *z]))),
@@ -483,5 +483,16 @@ mod tests {
             bodies.map(|f| 1.0 + f.bounds[0]).fold(f64::INFINITY, f64::min)
         };
         assert!(condensed.known < known.hypothesis.known && lowest(&condensed) > 0.0, "{} kg of each", lowest(&condensed));
+    }
+
+    /// Rigid teeth have two numbers, and no document says how stiff they are.
+    #[test]
+    fn what_an_effect_may_do_without_is_fitted_where_it_is_given_and_only_there() {
+        let numbers = |values: &[f64]| {
+            let more = Hypothesis::known(&door(), &[0]).with("backlash", Some("hinge"), values).unwrap();
+            (more.x.len() - more.known, more.model_at(&more.x).document.effects.pop().unwrap().parameters.len())
+        };
+        assert_eq!(numbers(&[0.01, 0.02, sagci_dynamics::effects::RIGID, 0.0, 0.0]), (2, 2));
+        assert_eq!(numbers(&[0.01, 0.02, 3e3, 4.0, 0.0]), (4, 4));
     }
 }

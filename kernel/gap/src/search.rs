@@ -75,6 +75,8 @@ const ROUNDS: usize = 6;
 const TRIFLE: f64 = 1e-3;
 /// Steps of a first fit in the simulator, and those after which one of an effect's starts is chosen on an arm.
 pub(crate) const QUICK: usize = 5;
+/// How many beginnings beside a fitted neighbour are all followed.
+const MANY: usize = 4;
 /// How many starts of an effect go on after the first look.
 const AHEAD: usize = 2;
 const LOOK: usize = 2;
@@ -335,7 +337,24 @@ impl<'a> Search<'a> {
         let load = candidate.effect == "payload" && self.many_joints();
         let beside = if load { self.carried_by_links_beside(&hypothesis.model, j, &values) } else { Vec::new() };
         let all = here.chain(beside.into_iter().map(|(on, values)| ("payload", on, values)));
-        all.filter(|(name, on, _)| observable(name, self.seen[*on])).filter_map(begin).collect()
+        self.nearest(all.filter(|(name, on, _)| observable(name, self.seen[*on])).filter_map(begin).collect())
+    }
+
+    /// Of beginnings of one effect those that are nearest as they stand, where there are many.
+    fn nearest(&self, begins: Vec<(&'static str, usize, Hypothesis)>) -> Vec<(&'static str, usize, Hypothesis)> {
+        let is_many = |name: &str, on: usize| begins.iter().filter(|b| (b.0, b.1) == (name, on)).count() > MANY;
+        let asked: Vec<bool> = begins.iter().map(|(name, on, _)| is_many(name, *on)).collect();
+        let far = |hypothesis: &Hypothesis| self.problem.errors(hypothesis, &hypothesis.x).map_or(f64::INFINITY, |e| e.norm_squared());
+        let mut begins: Vec<_> =
+            begins.into_par_iter().zip(asked).map(|(begun, asked)| (if asked { far(&begun.2) } else { 0.0 }, asked, begun)).collect();
+        begins.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut kept: BTreeMap<(&str, usize), usize> = BTreeMap::new();
+        begins.retain(|(_, asked, (name, on, _))| {
+            let place = kept.entry((name, *on)).or_default();
+            *place += 1;
+            !asked || *place <= AHEAD
+        });
+        begins.into_iter().map(|(_, _, begun)| begun).collect()
     }
 
     /// The same load where it is with the joints as they mostly are, but carried by the link before or after: which of them carries it their motion

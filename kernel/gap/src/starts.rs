@@ -2,6 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use sagci_dynamics::effects;
+
 use crate::choice::channel;
 
 /// What the data of one joint look like, seen by a model.
@@ -143,7 +145,7 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         // The encoder is on the link unless the model says so.
         "backlash" => {
             let gaps = [1.0 / 1000.0, 1.0 / 400.0, 1.0 / 200.0, 1.0 / 100.0, 1.0 / 50.0, 1.0 / 25.0];
-            [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, 0.0], &gaps)).collect()
+            [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, effects::RIGID, 0.0, 0.0], &gaps)).collect()
         }
         "joint_elasticity" => {
             // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to three
@@ -245,8 +247,16 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
             let on_a_spring = |hz: f64| ("joint_elasticity", vec![inertia * (TAU * hz).powi(2), inertia * TAU * hz, inertia, 0.0]);
             [12.0, 30.0].map(on_a_spring).into()
         }
-        // So is one whose play or spring hardly shows.
-        ("backlash", &[_, inertia, ..]) | ("joint_elasticity", &[_, _, inertia, ..]) => vec![("armature_inertia", vec![inertia])],
+        // So is one whose play or spring hardly shows. Teeth give way: how fast they part again, and with how much, fits from afar do not find.
+        ("backlash", &[half_gap, inertia, stiffness, damping, encoder]) => {
+            let begun =
+                |pace: f64, share: f64| ("backlash", vec![half_gap, inertia, inertia * pace * pace, 2.0 * share * inertia * pace, encoder]);
+            let paces = [100.0, 200.0, 400.0, 800.0, 1600.0];
+            let all = paces.into_iter().flat_map(|pace| [0.05, 0.15, 0.4, 1.0].map(|share| begun(pace, share)));
+            let without_gap = (stiffness < effects::RIGID).then(|| ("joint_elasticity", vec![stiffness, damping, inertia, encoder]));
+            all.chain(without_gap).chain([("armature_inertia", vec![inertia])]).collect()
+        }
+        ("joint_elasticity", &[_, _, inertia, ..]) => vec![("armature_inertia", vec![inertia])],
         // A loop of force F and length l rises by F / l where it begins.
         ("cable_hysteresis", &[_, _, force, length, damping]) => {
             let begun = |velocity: f64| ("presliding_hysteresis", vec![force / length, damping, force, 1.2 * force, velocity]);

@@ -105,12 +105,12 @@ fn order(description: &'static Description, entry: &EffectEntry) -> Result<Vec<f
     }
     let value = |p: &'static Parameter| {
         if p.words.is_empty() {
-            let value = entry.parameters.get(p.name).ok_or_else(|| DynamicsError::OutOfBounds {
+            let value = entry.parameters.get(p.name).copied().or(p.absent).ok_or_else(|| DynamicsError::OutOfBounds {
                 what: format!("{}: {}", description.name, p.name),
                 value: f64::NAN,
                 must: format!("given, in {} or {}", p.unit[0], p.unit[1]),
             })?;
-            return check_parameter(description, p, *value);
+            return check_parameter(description, p, value);
         }
         let Some(word) = entry.choices.get(p.name) else { return Ok(0.0) };
         let index = p.words.iter().position(|w| w == word);

@@ -27,7 +27,7 @@ const NAMES: &[(&str, &[&str])] = &[
     ("detent", &["force", "position", "width"]),
     ("soft_close_damper", &["damping", "position", "stiffness"]),
     ("hard_stop", &["stiffness", "dissipation", "position", "side"]),
-    ("backlash", &["half_gap", "rotor_inertia", "encoder"]),
+    ("backlash", &["half_gap", "rotor_inertia", "stiffness", "damping", "encoder"]),
     ("joint_elasticity", &["stiffness", "damping", "rotor_inertia", "encoder"]),
     ("torque_ripple", &["amplitude", "cycles_per_turn", "phase"]),
     ("transport_delay", &["delay"]),

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Isometry3;
-use sagci_dynamics::effects::{Advance, Instant, Resistance, find};
+use sagci_dynamics::effects::{Advance, Instant, MAX_STATES, Resistance, find};
 use sagci_dynamics::{Input, Part, State, System};
 use sagci_model::{EffectEntry, ObjectModel};
 
@@ -13,7 +13,7 @@ use crate::{block, entry, run};
 /// What an effect on a prescribed motion resists with: position, `dtau`, at each step.
 fn sweep(name: &str, theta: &[f64], dt: f64, steps: usize, position: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
     let effect = find(name).unwrap();
-    let (mut z, mut v, mut out) = ([0.0; 2], 0.0, Vec::new());
+    let (mut z, mut v, mut out) = ([0.0; MAX_STATES], 0.0, Vec::new());
     for k in 0..steps {
         let (q, end) = (position(k as f64 * dt), position((k + 1) as f64 * dt));
         let next = (end - q) / dt;
@@ -303,9 +303,45 @@ fn backlash_loses_motion_where_the_load_turns_round() {
     assert_eq!(pushed.measure(&state, 0.0, 0).position.value, state.q[0]);
     *pushed.parameters_mut().last_mut().unwrap() = 1.0;
     assert_eq!(pushed.measure(&state, 0.0, 0).position.value, state.q[0] + 0.01);
-    system.set_effect_parameters(&[0.0, 0.1, 0.0, 1.0, 5.0]).unwrap();
+    system.set_effect_parameters(&[0.0, 0.1, 1e9, 0.0, 0.0, 1.0, 5.0]).unwrap();
     let mut state = system.state();
     run(&system, &mut state, 1e-3, 2000, |_| 3.0, |s| assert_eq!(s.z[0], 0.0));
+}
+
+/// A spring and a damper that only push: met with some speed, half a period later the teeth part, with what the damping left of it (for
+/// little damping exp(-pi zeta), Goldsmith 1960), and no momentum is lost.
+#[test]
+fn teeth_that_give_way_part_with_what_their_damping_leaves() {
+    let (rotor, link) = (0.1, 1.0);
+    let reduced = rotor * link / (rotor + link);
+    for (side, zeta) in [(1.0, 0.0), (-1.0, 0.1), (1.0, 0.05)] {
+        let pace = 300.0;
+        let gap =
+            [("half_gap", 0.01), ("rotor_inertia", rotor), ("stiffness", reduced * pace * pace), ("damping", 2.0 * zeta * reduced * pace)];
+        let system = block(link, &[("backlash", &gap)]);
+        let mut state = system.state();
+        state.z[1] = side;
+        run(&system, &mut state, 2e-5, 1150, |_| 0.0, |_| {});
+        let parted = -state.z[1] * side;
+        let expected = (-std::f64::consts::PI * zeta).exp();
+        assert!((parted - expected).abs() < 0.03, "{zeta}: parted with {parted} instead of {expected}");
+        let momentum = link * state.v[0] + rotor * (state.v[0] + state.z[1]);
+        assert!((momentum - rotor * side).abs() < 1e-9, "{momentum}");
+    }
+}
+
+/// Pressed together, they come to rest on one another, and are one mass, in steps that are far longer than their own time.
+#[test]
+fn teeth_that_give_way_come_to_rest_under_a_push() {
+    for pace in [100.0, 3000.0] {
+        let gap = [("half_gap", 0.01), ("rotor_inertia", 0.1), ("stiffness", 0.1 * pace * pace), ("damping", 0.6 * 0.1 * pace)];
+        let system = block(1.0, &[("backlash", &gap)]);
+        let mut state = system.state();
+        run(&system, &mut state, 1e-3, 3000, |_| 2.2, |_| {});
+        let deep = 2.0 / (0.1 * pace * pace);
+        assert!((state.z[0] - 0.01 - deep).abs() < 0.01 * deep && state.z[1].abs() < 1e-6, "{state:?}");
+        assert!((state.v[0] - 3.0 * 2.0).abs() < 0.02, "{state:?}");
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Steps with every effect: their derivatives by everything, their energy, what a shorter step changes.
 
 use rand::RngExt;
-use sagci_dynamics::effects::{Acts, Advance, Instant, Prior, Resistance, catalogue};
+use sagci_dynamics::effects::{Acts, Advance, Instant, MAX_STATES, Prior, Resistance, catalogue};
 use sagci_dynamics::{Cotangents, DynamicsError, ExternalWrench, Held, Input, SpatialVector, State, System, Taken};
 
 use crate::common::{self, random};
@@ -152,7 +152,7 @@ fn effects_that_are_passive_never_give_energy_over_a_cycle() {
             // A latch lags behind; everything else is back where it was after two cycles.
             let steps = 40_000;
             let dt = 2.0 * std::f64::consts::TAU / pace / f64::from(steps);
-            let (mut z, mut work, mut traffic) = ([0.0; 2], 0.0, 0.0);
+            let (mut z, mut work, mut traffic) = ([0.0; MAX_STATES], 0.0, 0.0);
             let at_time = |k: i32| place + amplitude * ((pace * f64::from(k) * dt).cos() - 0.1);
             let mut v = 0.0;
             for k in 0..steps {

@@ -126,6 +126,8 @@ pub struct Parameter {
     pub cited: bool,
     /// The larger it is the less the effect does.
     pub bounding: bool,
+    /// What it is where `model.yaml` does not give it, and then is nothing to be fitted; none of those that have to be given.
+    pub absent: Option<f64>,
     /// Words for the values of [`Prior::OneOf`], under which `model.yaml` gives them as `choices`; the first is the default.
     /// Empty for numbers.
     pub words: &'static [&'static str],
@@ -134,7 +136,7 @@ pub struct Parameter {
 impl Parameter {
     /// An estimate.
     pub(in crate::effects) const fn new(name: &'static str, unit: [&'static str; 2], bounds: [f64; 2], prior: [Prior; 2]) -> Self {
-        Self { name, unit, bounds, prior, of_second: None, multiple: None, cited: false, bounding: false, words: &[] }
+        Self { name, unit, bounds, prior, of_second: None, multiple: None, cited: false, bounding: false, absent: None, words: &[] }
     }
 
     /// A choice among words.
@@ -155,6 +157,16 @@ impl Parameter {
     /// The same, with less of the effect the larger it is.
     pub(in crate::effects) const fn bounding(self) -> Self {
         Self { bounding: true, ..self }
+    }
+
+    /// Is a value what it is where it is not given?
+    pub fn is_absent(&self, value: f64) -> bool {
+        self.absent == Some(value)
+    }
+
+    /// The same, so much where it is not given.
+    pub(in crate::effects) const fn or_else(self, value: f64) -> Self {
+        Self { absent: Some(value), ..self }
     }
 
     /// The same with a published size.
