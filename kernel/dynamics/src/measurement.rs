@@ -70,7 +70,7 @@ impl System {
         (out.d_q, out.d_v, out.d_effort) = ([1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]);
         out.d_z.fill(0.0);
         out.d_theta.fill(0.0);
-        for &i in self.measurements.iter().filter(|i| self.placements()[**i].v == v) {
+        for &i in self.measurements.iter().filter(|i| self.acts_on_reading(**i, v)) {
             let placed = &self.placements()[i];
             reading = self.read(i, state, &reading);
             let values = [&reading.position, &reading.velocity, &reading.effort, &reading.stamp];

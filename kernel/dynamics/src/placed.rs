@@ -297,7 +297,7 @@ impl System {
     pub fn measure(&self, state: &State, effort: f64, v: usize) -> Reading {
         let mut reading = self.perfect_reading(state, effort, v).unwrap_or_default();
         for &i in &self.measurements {
-            if self.placements()[i].v == v {
+            if self.acts_on_reading(i, v) {
                 reading = self.read(i, state, &reading);
             }
         }
@@ -330,7 +330,7 @@ impl System {
 
     #[allow(clippy::too_many_arguments)]
     fn read_back(&self, from: usize, state: &State, v: usize, incoming: &Reading, bar: &mut [f64; 4], z: &mut [f64], theta: &mut [f64]) {
-        let Some(offset) = self.measurements[from..].iter().position(|&i| self.placements()[i].v == v) else { return };
+        let Some(offset) = self.measurements[from..].iter().position(|&i| self.acts_on_reading(i, v)) else { return };
         let i = self.measurements[from + offset];
         let out = self.read(i, state, incoming);
         self.read_back(from + offset + 1, state, v, &out, bar, z, theta);

@@ -53,11 +53,11 @@ pub struct Placement {
     pub effect: &'static dyn Effect,
     /// Name of the joint's part.
     pub part: String,
-    /// The joint.
+    /// The joint; none where it acts on the part's base or on all of its joints.
     pub joint: String,
     /// The joint's entry in `q`, where it has one degree of freedom.
     pub q: Option<usize>,
-    /// The degree of freedom.
+    /// The degree of freedom; the part's first where no joint is named.
     pub v: usize,
     /// Its parameters in [`System::parameters`].
     pub theta: Range<usize>,
@@ -144,20 +144,25 @@ impl System {
         Ok(system)
     }
 
-    /// Adds an effect to a joint of a part, or to the part's base where it acts on that. Workspaces made before do not fit
-    /// afterwards.
+    /// Adds an effect to a joint of a part, to all of them where it may be one for all and no joint is named, or to the part's base where it acts on
+    /// that. Workspaces made before do not fit afterwards.
     ///
     /// # Errors
     /// An effect, parameter or joint that does not exist; a parameter out of its bounds; a joint that has several degrees of
     /// freedom or follows another one; a base that is not fixed to the world.
     pub fn add_effect(&mut self, part: &str, entry: &EffectEntry) -> Result<(), DynamicsError> {
         let fault = |message: &str| DynamicsError::Build { part: part.into(), place: entry.effect.clone(), message: message.into() };
-        if effects::find(&entry.effect).is_ok_and(|e| e.description().acts == Acts::Base) {
+        let description = effects::find(&entry.effect).ok().map(|e| e.description());
+        let first = || self.multibody.joints().iter().find(|j| j.part == part).cloned();
+        if description.is_some_and(|d| d.shared) && entry.joint.is_none() {
+            let first = first().ok_or_else(|| fault("acts on all joints of a part that has some"))?;
+            return self.place_on_part(entry, &first);
+        }
+        if description.is_some_and(|d| d.acts == Acts::Base) {
             if entry.joint.is_some() {
                 return Err(fault("acts on the base of the part; leave `joint` out"));
             }
-            let first = self.multibody.joints().iter().find(|j| j.part == part);
-            let first = first.cloned().ok_or_else(|| fault("acts on the base of a part that has joints"))?;
+            let first = first().ok_or_else(|| fault("acts on the base of a part that has joints"))?;
             if first.kind == JointKind::Floating && first.name == part {
                 return Err(fault("acts on a base that is fixed to the world; this one is free"));
             }
@@ -165,10 +170,7 @@ impl System {
             if self.multibody.bodies.iter().zip(&bodies).any(|(b, carried)| *carried && !bodies[b.parent] && b.parent != 0) {
                 return Err(fault("acts on a base that is fixed to the world; this one is held by another part"));
             }
-            self.place(entry, &first, first.v.start)?;
-            if let Some(placed) = self.placements.last_mut() {
-                (placed.joint, placed.q) = (String::new(), None);
-            }
+            self.place_on_part(entry, &first)?;
             self.sways.push(SwayPlace { placement: self.placements.len() - 1, bodies });
             return Ok(());
         }
@@ -178,6 +180,22 @@ impl System {
             return Err(fault("acts on joints of one degree of freedom only"));
         }
         self.place(entry, &joint, joint.v.start)
+    }
+
+    /// Places an effect on no joint of a part, whose first one is given.
+    fn place_on_part(&mut self, entry: &EffectEntry, first: &JointInfo) -> Result<(), DynamicsError> {
+        self.place(entry, first, first.v.start)?;
+        if let Some(placed) = self.placements.last_mut() {
+            (placed.joint, placed.q) = (String::new(), None);
+        }
+        Ok(())
+    }
+
+    /// Does a sensor's effect, by its placement, act on what is read on a degree of freedom?
+    pub(crate) fn acts_on_reading(&self, placement: usize, v: usize) -> bool {
+        let placed = &self.placements[placement];
+        let of_part = || self.multibody.joints().iter().any(|j| j.part == placed.part && j.v.contains(&v));
+        if placed.joint.is_empty() { of_part() } else { placed.v == v }
     }
 
     /// The bodies that a part's base carries: its own, and all behind them.

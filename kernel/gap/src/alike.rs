@@ -1,7 +1,7 @@
 //! Names that no data of some kind can tell apart, however well one of them fits: what follows from the equations alone.
 //!
-//! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it. A stamp that is
-//!   ahead is no input's: none comes before it was sent.
+//! * A late input and a late stamp of the measurement are one thing in one log, as long as nothing closes the loop outside of it, and all joints
+//!   are late: others feel when one of them moves. A stamp that is ahead is no input's: none comes before it was sent.
 //! * A straight line and a sine are one curve over a short way: `k (q - q0)` and `a sin(q + phi)` over less than 60 degrees; so is a
 //!   constant, where gravity already acts.
 //! * On one joint, a shift of its encoder, a tilt of its hinge and an error of its axis all turn gravity's sine; on one that slides gravity is a
@@ -28,7 +28,7 @@ const SHORT: f64 = std::f64::consts::FRAC_PI_3;
 /// What of a joint and its data decides.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Circumstances {
-    /// The model has no other.
+    /// The model has no other, or the name is one for all of them.
     pub alone: bool,
     /// It turns.
     pub turns: bool,
@@ -48,8 +48,8 @@ pub(crate) struct Circumstances {
 pub(crate) fn alike(name: &str, at: Circumstances) -> &'static [&'static str] {
     let short = at.turns && at.range < SHORT;
     match name {
-        "transport_delay" if at.seen.commanded => &["clock_skew"],
-        "clock_skew" if at.seen.commanded && !at.ahead => &["transport_delay"],
+        "transport_delay" if at.alone && at.seen.commanded => &["clock_skew"],
+        "clock_skew" if at.alone && at.seen.commanded && !at.ahead => &["transport_delay"],
         "joint_spring" if short => &["hinge_tilt"],
         "hinge_tilt" if short && at.alone && at.seen.weighed => &["joint_spring", "encoder_offset", "joint_axis_error"],
         "hinge_tilt" if at.alone && at.seen.weighed => &["encoder_offset", "joint_axis_error"],
@@ -114,19 +114,21 @@ pub(crate) fn call_by_plain_name(candidates: &mut [Candidate]) {
 impl Search<'_> {
     /// Names that these data cannot tell from a chosen one's.
     pub fn alike(&self, choice: &Choice, fit: &Fit) -> &'static [&'static str] {
-        let Some(j) = choice.best.joint else { return &[] };
         let model = &fit.hypothesis.model;
+        let on = choice.best.joint.map(|j| model.joints[self.joints[j]].name.as_str());
+        // What is one for all joints is told by any of them.
+        let j = choice.best.joint.unwrap_or(0);
         let joint = &model.joints[self.joints[j]];
         let [low, high] = Trajectory::range(self.problem.trajectories, j);
-        let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_ref() == Some(&joint.name);
+        let is_it = |e: &EffectEntry| e.effect == choice.best.effect && e.joint.as_deref() == on;
         let entry = model.document.effects.iter().position(is_it);
         let of_effort = entry.is_some_and(|e| model.document.effects[e].choices.get("of").is_some_and(|of| of == "effort"));
         let is_ahead = |(f, x): (&Fitted, &f64)| matches!(f.knob, Knob::Effect(e, "skew") if Some(e) == entry) && f.value(*x) < 0.0;
         let at = Circumstances {
-            alone: self.names.len() == 1,
+            alone: self.names.len() == 1 || on.is_none(),
             turns: joint.kind != sagci_model::JointKind::Prismatic,
             range: high - low,
-            seen: self.seen[j],
+            seen: Seen { commanded: self.seen[j].commanded && (on.is_some() || self.seen.iter().all(|s| s.commanded)), ..self.seen[j] },
             constant: entry.is_none_or(|e| is_constant(fit, e)),
             of_effort,
             ahead: fit.hypothesis.fitted.iter().zip(&fit.hypothesis.x).any(is_ahead),

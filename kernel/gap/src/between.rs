@@ -1,8 +1,8 @@
 //! Two effects that together look like one between them.
 //!
 //! Over the speeds of one swing dry friction and drag, `c sign(v) + k v |v|`, are nearly a viscous loss `b v`, with `b = c / v + k v` at its typical
-//! speed `v`: taken one after the other that loss comes first and leaves little of either. Over several swings of other sizes the two are another loss,
-//! and they are told by what adds up over many of these.
+//! speed `v`: taken one after the other that loss comes first and leaves little of either. Over several swings of other sizes the two are another
+//! loss, and they are told by what adds up over many of these.
 //!
 //! A cable whose loop is too short to be seen is dry friction, damping and a spring. That friction is another one way than the other shifts where the
 //! spring rests, and a name that has nothing to do with it, beside the cable, takes what that leaves.
@@ -18,8 +18,9 @@ use crate::weigh::{FALL, MATERIAL};
 struct Middle {
     name: &'static str,
     around: [&'static str; 2],
-    /// A length that is less than positions tell where it stands for the two alone: then what it leaves may have gone to other names, which are asked.
-    short: Option<&'static str>,
+    /// A length that positions do not tell where the name does no more than stand for the two. It then leaves what they say, which other names may
+    /// have taken: those are asked.
+    unseen_length: Option<&'static str>,
     /// Where the two begin, by its values and a typical speed.
     begin: fn(&[f64], f64) -> Option<[Vec<f64>; 2]>,
 }
@@ -28,7 +29,7 @@ const MIDDLES: [Middle; 2] = [
     Middle {
         name: "viscous_friction",
         around: ["coulomb_friction", "quadratic_drag"],
-        short: None,
+        unseen_length: None,
         begin: |values, speed| match *values {
             [damping] => Some([vec![0.5 * damping * speed], vec![0.5 * damping / speed]]),
             _ => None,
@@ -37,7 +38,7 @@ const MIDDLES: [Middle; 2] = [
     Middle {
         name: "cable_hysteresis",
         around: ["asymmetric_friction", "joint_spring"],
-        short: Some("loop_length"),
+        unseen_length: Some("loop_length"),
         begin: |values, _| match *values {
             [stiffness, rest, force, _, damping] => Some([vec![force, force, damping, damping], vec![stiffness, rest]]),
             _ => None,
@@ -108,7 +109,7 @@ impl Climb<'_> {
         let joint = itself.joint.clone()?;
         let j = search.names.iter().position(|n| *n == joint)?;
         let is_seen = |name: &str| itself.parameters.get(name).is_none_or(|length| *length > search.problem.disturbance.position[j]);
-        if middle.short.is_some_and(is_seen) {
+        if middle.unseen_length.is_some_and(is_seen) {
             return None;
         }
         let speed = search.views(&self.current, self.scale).ok()?.get(j)?.speed.max(f64::MIN_POSITIVE);
@@ -119,7 +120,7 @@ impl Climb<'_> {
         let mut two = search.settle(&Fit::start(&search.problem, two).ok()?, self.scale);
         let mut needless = Vec::new();
         // Two losses in the place of one say nothing of other names, which have yet to find the numbers that suit the two.
-        let asked = if middle.short.is_some() { self.chosen.len() - 1 } else { 0 };
+        let asked = if middle.unseen_length.is_some() { self.chosen.len() - 1 } else { 0 };
         for i in (0..asked).rev() {
             let Ok(without) = two.without(&search.problem, entries(&two.hypothesis)[i]) else { continue };
             let without = search.settle(&without, self.scale);

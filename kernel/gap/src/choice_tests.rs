@@ -134,6 +134,8 @@ fn a_clock_that_is_ahead_is_no_late_drive() {
     let late = Circumstances { alone: true, turns: true, range: 3.0, seen, constant: false, of_effort: false, ahead: false };
     assert_eq!(alike_by_equations("clock_skew", late), ["transport_delay"]);
     assert_eq!(alike_by_equations("clock_skew", Circumstances { ahead: true, ..late }), [""; 0]);
+    // The others of an arm feel when one of its joints moves.
+    assert_eq!(alike_by_equations("clock_skew", Circumstances { alone: false, ..late }), [""; 0]);
 }
 
 #[test]
@@ -382,7 +384,7 @@ fn teeth_that_rebound_are_a_play_that_gives_way() {
     let truth = with(&door(), "backlash", &teeth);
     let way = |t: f64| 0.8 + 0.4 * (3.0 * t).sin() + 0.2 * (7.3 * t + 1.0).sin();
     let data = [1, 2].map(|seed| Trajectory::new(&driven(&truth, 2e-5, seed, 0.8, |t| way(t + seed as f64)), &door()).unwrap());
-    let (evidence, all) = beside_in(&data, "backlash", &[0.02, 0.03, effects::RIGID, 0.0, 0.0]);
+    let (evidence, all) = beside_in(&data, "backlash", &[0.02, 0.03, effects::RIGID_TEETH, 0.0, 0.0]);
     assert!(all[0].effect == "backlash" && all[0].evidence > evidence + 100.0, "{} for {evidence}", all[0].evidence);
     let found = &all[0].fit.hypothesis.model_at(&all[0].fit.hypothesis.x).document.effects[0].parameters;
     for (name, value) in &teeth[..2] {

@@ -158,6 +158,22 @@ impl<'a> Climb<'a> {
         Ok(true)
     }
 
+    /// Fits the names, and the known numbers without them, in the finer steps of predictions. Where these cannot be taken, what was found stands.
+    pub fn fit_to_the_end(&mut self, notes: &mut Vec<String>) {
+        let settled = self.search.problem.clone();
+        self.search.finer();
+        let on = |fit: &Fit| self.search.fit_on(fit.under(&self.search.problem)?, self.scale);
+        let finer = on(&self.current).and_then(|fit| Ok((if self.chosen.is_empty() { fit.clone() } else { on(&self.base)? }, fit)));
+        match finer {
+            Ok(finer) => (self.base, self.current) = finer,
+            Err(error) => {
+                notes.push(format!("the last fit, in finer steps, was left out: {error}"));
+                self.search.problem = settled;
+            }
+        }
+        self.scale = self.search.scale(&self.current);
+    }
+
     /// Steps as short as what the names leave asks for. Where the model cannot be simulated in these, it stays as it is.
     fn shorten_steps(&mut self, ascent: &Ascent<'_>) {
         let scale = self.search.scale(&self.current);

@@ -498,6 +498,7 @@ fn perform(
         starts: vec![0],
         continues: false,
         joints: n,
+        on_time: None,
         notes: Vec::new(),
     };
     // All joints but one are held where the data mostly were.

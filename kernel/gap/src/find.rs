@@ -9,6 +9,7 @@ use sagci_recording::Log;
 
 use crate::GapError;
 use crate::baselines::baselines;
+use crate::choice::Choice;
 use crate::climb::{Ascent, Climb};
 use crate::experiment;
 use crate::fit::Fit;
@@ -18,10 +19,15 @@ use crate::left_over::{Named, left_over};
 use crate::map;
 use crate::plots::{self, PlotData};
 use crate::remainder::remainder as learned_remainder;
-use crate::report::{Reason, Report, SCHEMA, Verdict};
+use crate::report::{Gaps, NamedEffect, Reason, Report, SCHEMA, Unexplained, Verdict};
 use crate::search::{Search, entries};
-use crate::settled::Settled;
+use crate::settled::{Numbers, Settled};
+use crate::trajectory::Trajectory;
+use crate::unseen::Unseen;
 use crate::weigh::CONVINCING;
+
+/// How many of the names that lost are told why.
+const LOST: usize = 5;
 
 /// What may be chosen.
 #[derive(Clone, Copy)]
@@ -75,8 +81,6 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     let Given { locked, train: trajectories, unseen, mut notes } = Given::new(model, train, held_out, options.window)?;
     let model = &locked.model;
     let mut search = Search::beside(model, &trajectories, &unseen, &mut notes)?;
-    let still = search.names.iter().zip(&search.still).filter(|(_, still)| **still);
-    notes.extend(still.map(|(name, _)| format!("{name}: stands in each recording, if elsewhere in others; nothing is looked for on it")));
     search.check_motion(&mut notes)?;
 
     say("refitting what the model knows");
@@ -93,26 +97,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     if let Err(error) = climb.look_again(&ascent) {
         notes.push(format!("a second look at the names was not brought to its end: {error}"));
     }
-    let Climb { mut search, base, mut current, mut scale, chosen, lost, nameless_won, adds_up, .. } = climb;
-
     say("fitting to the end");
-    let settled = search.problem.clone();
-    search.finer();
-    let on = |fit: &Fit| search.fit_on(fit.under(&search.problem)?, scale);
-    let finer = on(&current).and_then(|fit| Ok((if chosen.is_empty() { fit.clone() } else { on(&base)? }, fit)));
-    let refitted = match finer {
-        Ok((refitted, fit)) => {
-            current = fit;
-            refitted
-        }
-        // The answer stands as it was found.
-        Err(error) => {
-            notes.push(format!("the last fit, in finer steps, was left out: {error}"));
-            search.problem = settled;
-            base.clone()
-        }
-    };
-    scale = search.scale(&current);
+    climb.fit_to_the_end(&mut notes);
+    let Climb { search, base: refitted, current, scale, chosen, lost, nameless_won, adds_up, .. } = climb;
 
     let measure = Measure::new(&search, model, &trajectories, &unseen, options.window);
     let own = Measure::new(&search, model, &trajectories, &[], options.window);
@@ -132,94 +119,53 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     if let Err(error) = settled.heed_unseen() {
         notes.push(format!("data that nothing was fitted to were not asked of every name: {error}"));
     }
-    settled.current = settled.current.with_sines_wrapped();
-    let (mut told, mut why) = (None, None);
-    if !settled.chosen.is_empty() {
-        say("following what the data hardly tell");
-        match search.followed(&settled.current, settled.scale, &measure) {
-            Ok(followed) => told = Some(followed),
-            Err(error) => notes.push(format!("what the data hardly tell was not followed: {error}")),
-        }
-        let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
-        why = match !search.many_joints() {
-            true if own.is_far(&fit.hypothesis, options.seed) => Some("the model stays far from the data over windows of time"),
-            true if adds_up => Some("some effects are too small to be told from row to row and are told by what they add up to over many"),
-            _ => None,
-        };
-    }
-    if let Some(why) = why {
-        say("fitting what is predicted over windows");
-        match settled.over_windows(told.clone(), &own) {
-            Ok(over) => {
-                notes.push(format!("{why}, so the numbers are those that predict windows of time best"));
-                told = over;
-            }
-            Err(error) => {
-                notes.push(format!("the last fit, to whole windows, was left out: {error}"));
-                // Numbers of names that were taken back meanwhile are none.
-                told = told.filter(|t| entries(&t.fit.hypothesis).len() == settled.chosen.len());
-            }
-        }
-    }
+    let Numbers { told, of_windows } = settled.numbers(&own, adds_up, options.seed, &mut notes);
+
     let mut remainder = search.nameless(&settled.current, settled.scale)?;
     let lacking = search.lacking_forces(&refitted, settled.scale)?;
     say("predicting over windows, beside other ways");
     let on_unseen = (!unseen.is_empty()).then_some(&measure);
     let predict = |current: &Fit| gaps(&search, model, [&given, &refitted, current], (&own, on_unseen), options.seed);
-    let (predicted, mut others) = rayon::join(
-        || predict(told.as_ref().map_or(&settled.current, |t| &t.fit)),
+    let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
+    let (predicted, mut baselines) = rayon::join(
+        || predict(fit),
         || {
             if options.baselines {
-                baselines(&search, &measure, (&refitted, &lacking), settled.scale, options.seed, why.map(|_| &own))
+                baselines(&search, &measure, (&refitted, &lacking), settled.scale, options.seed, of_windows.then_some(&own))
             } else {
                 BTreeMap::new()
             }
         },
     );
     let (mut gap, mut predicted) = predicted?;
+
     let come_near = match (&remainder, lacking.first()) {
         (Some(left), Some((_, all))) => {
-            let fit = told.as_ref().map_or(&settled.current, |t| &t.fit);
             let left_over = left_over(&search, (fit, &refitted), left, &gap, Named::of(&settled.chosen, nameless_won))?;
-            let share = left_over.map_or(0.0, |l| l.share);
-            settled.only_near(&gap, (left, share), all)?
+            settled.only_near(&gap, (left, left_over.map_or(0.0, |l| l.share)), all)?
         }
         _ => None,
     };
-    let Settled { mut current, scale, mut chosen, confirmed, taken_back: mut contradicted, .. } = settled;
+    let Settled { mut current, scale, mut chosen, confirmed, taken_back, .. } = settled;
+    let mut rejected: Vec<Reason> = lost.iter().take(LOST).map(refused).collect();
+    rejected.extend(taken_back);
     if let Some(why) = come_near {
-        contradicted
-            .extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
+        rejected.extend(chosen.drain(..).map(|gone| Reason { name: gone.best.effect.into(), reason: format!("comes near, but {why}") }));
         current = refitted.clone();
         remainder = lacking.into_iter().next();
         (gap, predicted) = predict(&current)?;
     }
-
-    let variances = match (told.filter(|_| !chosen.is_empty()), chosen.is_empty()) {
-        (_, true) => None,
-        (Some(told), false) => {
+    let variances = match told {
+        _ if chosen.is_empty() => None,
+        Some(told) => {
             current = told.fit;
             told.variances
         }
-        (None, false) => search.anew(&current).variances(&search.problem, scale),
+        None => search.anew(&current).variances(&search.problem, scale),
     };
-    let mut effects_found = Vec::new();
-    let final_entries = entries(&current.hypothesis);
-    for (i, choice) in chosen.iter_mut().enumerate() {
-        let Some(entry) = final_entries.get(i).copied() else { continue };
-        choice.equivalent = search.alike(choice, &current);
-        let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.confirms()));
-        effects_found.push(search.describe(&current, entry, choice, variances.as_deref(), held_out, agrees));
-    }
-
+    let effects = described(&search, &current, &mut chosen, &confirmed, variances.as_deref());
     let named = if come_near.is_some() { Named::Near } else { Named::of(&chosen, nameless_won) };
     let unexplained = remainder.map(|left| left_over(&search, (&current, &refitted), &left, &gap, named)).transpose()?.flatten();
-    let verdict = match (&unexplained, effects_found.is_empty()) {
-        (Some(_), _) => Verdict::Unknown,
-        (None, true) => Verdict::NoGap,
-        (None, false) if effects_found.iter().any(|e| !e.alternatives.is_empty()) => Verdict::Ambiguous,
-        (None, false) => Verdict::Named,
-    };
 
     let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
     let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
@@ -231,51 +177,77 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         (residual, learned) = (Some(tried), kept);
     }
     if options.baselines {
-        others.insert("no_model_change".into(), shown.before);
+        baselines.insert("no_model_change".into(), shown.before);
     }
     say("choosing the next experiment");
-    let agreed: Vec<bool> = effects_found.iter().map(|e| e.confirmed).collect();
+    let agreed: Vec<bool> = effects.iter().map(|e| e.confirmed).collect();
     let next = match &unexplained {
         Some(left) => experiment::propose_for_nameless(&search, model, left),
         None => experiment::questions(&search, &chosen, &current, &agreed).iter().find_map(|q| experiment::propose(&search, q, scale)),
     };
-    let next_experiment = next.map(|e| e.told_to(&model.name, &trajectories, &unseen));
-    let mut found = current.hypothesis.model_at(&current.hypothesis.x);
-    for (effect, entry) in effects_found.iter().zip(&final_entries) {
-        found.document.effects[*entry].evidence = Some(Evidence {
-            intervals: effect.parameters.iter().map(|(n, v)| (n.clone(), [v.lower, v.upper])).collect(),
-            probability: effect.probability,
-            alternatives: effect.alternatives.clone(),
-            data: trajectories.iter().map(|t| t.hash.clone()).collect(),
-            held_out: unseen.iter().map(|t| t.hash.clone()).collect(),
-            gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
-        });
-    }
-    let mut found = locked.freed(found);
+    let mut found = locked.freed(with_evidence(&current, &effects, &gap, [&trajectories, &unseen]));
     found.state_in_urdf();
-    let refused = |(name, gain): &(&str, f64)| Reason {
-        name: (*name).into(),
-        reason: match *gain > CONVINCING {
-            false => format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} and more is asked for"),
-            true => "its force is below what any model is off by, or the errors that it explains hang together too much to tell".to_owned(),
-        },
-    };
-    let mut rejected: Vec<Reason> = lost.iter().take(5).map(refused).collect();
-    rejected.extend(contradicted);
     let report = Report {
         schema: SCHEMA,
-        verdict,
-        effects: effects_found,
+        verdict: verdict(unexplained.as_ref(), &effects),
+        effects,
         places,
         gap,
         unexplained,
         rejected,
         residual,
-        next_experiment,
-        baselines: others,
+        next_experiment: next.map(|e| e.told_to(&model.name, &trajectories, &unseen)),
+        baselines,
         model: String::new(),
         notes,
         seconds: clock.elapsed().as_secs_f64(),
     };
     Ok(Found { report, model: found, residual: learned, figures })
+}
+
+/// Names as the report says them. `variances` are those of the fit's numbers, where the data fix them.
+fn described(search: &Search<'_>, fit: &Fit, chosen: &mut [Choice], confirmed: &[Unseen], variances: Option<&[f64]>) -> Vec<NamedEffect> {
+    let described = |(i, (choice, entry)): (usize, (&mut Choice, usize))| {
+        choice.equivalent = search.alike(choice, fit);
+        let (held_out, agrees) = confirmed.get(i).map_or((None, false), |u| (Some(u.fall.min(1e12)), u.confirms()));
+        search.describe(fit, entry, choice, variances, held_out, agrees)
+    };
+    chosen.iter_mut().zip(entries(&fit.hypothesis)).enumerate().map(described).collect()
+}
+
+/// The least certain of the names, or what they leave.
+fn verdict(unexplained: Option<&Unexplained>, effects: &[NamedEffect]) -> Verdict {
+    match (unexplained, effects) {
+        (Some(_), _) => Verdict::Unknown,
+        (None, []) => Verdict::NoGap,
+        (None, effects) if effects.iter().any(|e| !e.alternatives.is_empty()) => Verdict::Ambiguous,
+        (None, _) => Verdict::Named,
+    }
+}
+
+/// The model with what was found in it, and beside each effect where it comes from.
+fn with_evidence(fit: &Fit, effects: &[NamedEffect], gap: &Gaps, [train, unseen]: [&[Trajectory]; 2]) -> ObjectModel {
+    let mut model = fit.hypothesis.model_at(&fit.hypothesis.x);
+    let hashes = |data: &[Trajectory]| data.iter().map(|t| t.hash.clone()).collect();
+    for (effect, entry) in effects.iter().zip(entries(&fit.hypothesis)) {
+        model.document.effects[entry].evidence = Some(Evidence {
+            intervals: effect.parameters.iter().map(|(n, v)| (n.clone(), [v.lower, v.upper])).collect(),
+            probability: effect.probability,
+            alternatives: effect.alternatives.clone(),
+            data: hashes(train),
+            held_out: hashes(unseen),
+            gap: gap.held_out.as_ref().map_or([gap.train.refitted, gap.train.after], |g| [g.refitted, g.after]),
+        });
+    }
+    model
+}
+
+/// Why a name that lost did: what it says beyond the model without it was not enough, or nothing to be sure of.
+fn refused((name, gain): &(&str, f64)) -> Reason {
+    let reason = if *gain > CONVINCING {
+        "its force is below what any model is off by, or the errors that it explains hang together too much to tell".to_owned()
+    } else {
+        format!("evidence e^{gain:.1} of the model without it; e^{CONVINCING:.0} and more is asked for")
+    };
+    Reason { name: (*name).into(), reason }
 }

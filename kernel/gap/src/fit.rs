@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use crate::GapError;
 use crate::hypothesis::{Fitted, Hypothesis};
 use crate::noise;
-use crate::observer::{self, Disturbance, DriveSlopes, Errors, Gains, Noise, Run};
+use crate::observer::{self, Disturbance, DriveSlopes, Errors, Noise, Run};
 use crate::plant::Plant;
 use crate::span::Change;
 use crate::stops::Stops;
@@ -67,8 +67,8 @@ impl<'a> Problem<'a> {
         let along = |session: &&[Trajectory]| {
             let (mut motion, mut errors, mut runs) = (plant.motion(), Errors::default(), Vec::new());
             for trajectory in *session {
-                let (gains, mut run) = (Gains::new(trajectory, &noise), Run::default());
-                observer::run(plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+                let mut run = Run::default();
+                let gains = observer::run(plant, trajectory, &noise, &mut motion, &mut errors, Some(&mut run))?;
                 runs.push(Run { gains, ..run });
             }
             Ok((errors, runs))
@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
             let mut motion = plant.motion();
             let mut errors = Errors::default();
             for trajectory in *session {
-                observer::run(&plant, trajectory, &Gains::new(trajectory, &noise), &mut motion, &mut errors, None)?;
+                observer::run(&plant, trajectory, &noise, &mut motion, &mut errors, None)?;
             }
             Ok(errors)
         };

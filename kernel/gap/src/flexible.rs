@@ -20,8 +20,8 @@ use crate::span::Span;
 pub(crate) struct Nameless {
     /// What it depends on.
     pub over: &'static str,
-    /// It may turn round where the motion does, as friction does. Where dry friction holds a joint and efforts are noisy, the linear response sees such
-    /// forces where there are none.
+    /// It may turn round where the motion does, as friction does. Where dry friction holds a joint and efforts are noisy, the linear response
+    /// sees such forces where there are none.
     pub turns_round: bool,
     /// Logarithm of its evidence over that of no force.
     pub evidence: f64,
@@ -222,8 +222,8 @@ mod tests {
     use crate::tests::{door, swing};
     use crate::trajectory::Trajectory;
 
-    /// On a clean door whose efforts are noisy a curve over place times velocity is mostly damping, which the model has and makes good. Counted whole it
-    /// was seven tenths of all that moves the door, with these seeds; most find no curve at all.
+    /// On a clean door whose efforts are noisy a curve over place times velocity is mostly damping, which the model has and makes good. Counted
+    /// whole it was seven tenths of all that moves the door, with these seeds; most find no curve at all.
     #[test]
     fn what_the_known_numbers_make_good_is_no_force() {
         let mut model = door();

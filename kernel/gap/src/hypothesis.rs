@@ -492,7 +492,7 @@ mod tests {
             let more = Hypothesis::known(&door(), &[0]).with("backlash", Some("hinge"), values).unwrap();
             (more.x.len() - more.known, more.model_at(&more.x).document.effects.pop().unwrap().parameters.len())
         };
-        assert_eq!(numbers(&[0.01, 0.02, sagci_dynamics::effects::RIGID, 0.0, 0.0]), (2, 2));
+        assert_eq!(numbers(&[0.01, 0.02, sagci_dynamics::effects::RIGID_TEETH, 0.0, 0.0]), (2, 2));
         assert_eq!(numbers(&[0.01, 0.02, 3e3, 4.0, 0.0]), (4, 4));
     }
 }

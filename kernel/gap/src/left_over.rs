@@ -17,7 +17,8 @@ const CLOSE_TO_FLOOR: f64 = 2.0;
 const ALL_BUT: f64 = 0.05;
 /// Evidence of a force without a name that is there though the gap hardly shows it, or for each of the errors that would hang together without it.
 const CERTAIN: f64 = 100.0;
-/// Scale of the errors, in deviations of their noise, from which on something makes them that is none: without anything missing it was 1.04 at the most.
+/// Scale of the errors, in deviations of their noise, from which on something makes them that is none: without anything missing it was 1.04 at
+/// the most.
 const BEYOND_NOISE: f64 = 1.2;
 /// Share of the lacking force below which nobody minds that it has no name.
 const NEGLIGIBLE: f64 = 0.02;

@@ -9,6 +9,7 @@ mod choice;
 #[cfg(test)]
 mod choice_tests;
 mod climb;
+mod clocks;
 mod confirmed;
 mod error;
 mod experiment;

@@ -16,7 +16,8 @@ const SOME: f64 = 0.05;
 const MOST_OF_FORCE: f64 = 0.8;
 /// Share of the gap that names may leave where much more is left than noise makes, or as much of the force.
 pub(crate) const MOST_OF_IT: f64 = 0.5;
-/// The same of names that leave a force: 380 answers that were right left no more than a seventh, those that came near what has no name a sixth and more.
+/// The same of names that leave a force: 380 answers that were right left no more than a seventh, those that came near what has no name a sixth
+/// and more.
 const TOO_MUCH: f64 = 0.15;
 /// Share of the gap that is much of it, and how many times as much as names one without a name says that does better.
 const MUCH: f64 = 0.4;
@@ -117,8 +118,8 @@ mod tests {
         assert!(is_near(&gap([0.042, 0.0195, 0.0004]), [614.0, 1642.0, 2160.0], 0.79), "dry friction");
     }
 
-    /// Figures of a friction that grows while a joint rests, of a spring with a kink, of a mass that comes loose; what is as far off where nothing is left
-    /// is chance.
+    /// Figures of a friction that grows while a joint rests, of a spring with a kink, of a mass that comes loose; what is as far off where
+    /// nothing is left is chance.
     #[test]
     fn names_that_leave_much_are_not_believed() {
         assert!(is_near(&gap([0.0348, 0.0266, 0.0041]), [1947.0, 0.0, 1860.0], 0.0), "Stribeck friction");
@@ -128,8 +129,8 @@ mod tests {
         assert!(!is_near(&gap([0.0695, 0.0151, 0.00025]), [9000.0, 0.0, 5000.0], 0.0), "nothing is left");
     }
 
-    /// Figures of a friction that binds for moments, in few of the windows: taken for dry friction it is a nearer neighbour of data that it was not fitted
-    /// to than of those that it was.
+    /// Figures of a friction that binds for moments, in few of the windows: taken for dry friction it is a nearer neighbour of data that it was
+    /// not fitted to than of those that it was.
     #[test]
     fn names_that_leave_more_of_the_force_than_they_explain_are_not_believed() {
         let (fitted, shown) = (gap([0.512, 0.085, 6e-5]), gap([0.549, 0.0265, 6e-5]));

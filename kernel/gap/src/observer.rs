@@ -280,16 +280,18 @@ impl Errors {
     }
 }
 
-/// Runs a plant along a trajectory. `errors` gets the prediction errors.
+/// Runs a plant along a trajectory under a noise. `errors` gets the prediction errors; what comes back are the filter's gains.
 /// Inner states start at zero, unless the trajectory goes on where the one before it ended: then they are those of `motion`.
 pub(crate) fn run(
     plant: &Plant,
     trajectory: &Trajectory,
-    gains: &Gains,
+    noise: &Noise,
     motion: &mut Motion,
     errors: &mut Errors,
     mut record: Option<&mut Run>,
-) -> Result<(), GapError> {
+) -> Result<Gains, GapError> {
+    let trajectory = &*plant.on_time(trajectory);
+    let gains = Gains::new(trajectory, noise);
     let n = trajectory.joints;
     if !trajectory.continues {
         motion.state.z.fill(0.0);
@@ -300,7 +302,11 @@ pub(crate) fn run(
         if trajectory.starts.contains(&k) {
             if k > 0 || trajectory.continues {
                 let passed = trajectory.time[k] - motion.state.time;
-                plant.pause(motion, passed.max(0.0), k == 0 && passed > (CUT.0 * trajectory.period()).max(CUT.1));
+                plant.pause(motion, passed.max(0.0));
+                // A new recording after a pause.
+                if k == 0 && passed > (CUT.0 * trajectory.period()).max(CUT.1) {
+                    plant.rest_bases(motion);
+                }
             }
             for j in 0..n {
                 motion.state.v[j] = first_velocity(trajectory, k, j);
@@ -326,8 +332,12 @@ pub(crate) fn run(
                 errors.position.push(0.0);
                 continue;
             }
-            let e = trajectory.position[k * n + j] - plant.reading(motion, j);
-            errors.position.push(e / deviation);
+            let measured = trajectory.position[k * n + j];
+            let (e, weight) = match &trajectory.on_time {
+                None => (measured - plant.reading(motion, j), 1.0),
+                Some(clocks) => (measured - plant.reading_before(motion, j, clocks.late(k * n + j)), clocks.weight(j)),
+            };
+            errors.position.push(weight * e / deviation);
             motion.state.q[j] += gain_q * e;
             motion.state.v[j] += gain_v * e;
         }
@@ -341,8 +351,8 @@ pub(crate) fn run(
             plant.inverse_mass(motion, &mut run.inverse);
         }
     }
-    errors.effort.extend(read_errors(&read, trajectory, gains, plant.shown_late()));
-    Ok(())
+    errors.effort.extend(read_errors(&read, trajectory, &gains, plant.shown_late()));
+    Ok(gains)
 }
 
 /// Normalised errors of efforts read beside commands, as they would be read by the model, where the motion goes so late by its stamps, s.

@@ -98,7 +98,8 @@ fn term(name: &str) -> String {
 }
 
 fn on(effect: &NamedEffect) -> String {
-    effect.joint.as_ref().map_or_else(|| "the base".into(), |j| format!("<span class=\"name\">{}</span>", escape(j)))
+    let place = escape(effect.place());
+    if effect.joint.is_some() { format!("<span class=\"name\">{place}</span>") } else { place }
 }
 
 fn percent(share: f64) -> String {

@@ -1,5 +1,7 @@
 //! The model under test, driven by what was measured.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector, Unit, Vector3, Vector6};
 use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
@@ -8,6 +10,7 @@ use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
 use crate::GapError;
+use crate::clocks::on_time;
 use crate::inputs::{slopes, slopes_by};
 use crate::observer::DriveSlopes;
 use crate::stops::Stops;
@@ -21,8 +24,10 @@ pub(crate) struct Plant {
     ends: Vec<Ends>,
     /// Does a sensor of the joint read other than what is?
     misread: Vec<bool>,
-    /// How late the only joint's measurements are stamped, s: by their stamps, what drives it acts so much later.
+    /// How late all measurements are stamped, s: by their stamps, what drives the joints acts so much later.
     skew: Option<f64>,
+    /// How late measurements of single joints are stamped beside that, s.
+    clocks: Vec<f64>,
     /// The same without what happens to commands, where anything does: efforts act on joints behind it; by a clock that is right: what comes late
     /// has moved little after a row; and on a base that stands: how far one that swings has come after some rows says nothing about a row.
     behind_drives: Option<Box<Self>>,
@@ -143,10 +148,11 @@ impl Motion {
         self.begin.v[j] != 0.0 || self.state.v[j] != 0.0
     }
 
-    /// When friction stops a joint that it holds from then on, s from the beginning of the piece, if that is `soon`, or within the piece's `duration`
-    /// before the joint has gone further than data tell. A filter sets a joint that stands moving by a little in every row. Both ways let it stop over
-    /// their first step, so that they are off by what grows as that step, on all that moves with it, too: that is an order, and careful steps that
-    /// are longer than the stop come no nearer. `h` is the last step, and `accelerates` by how much an effort accelerates the joint.
+    /// When friction stops a joint that it holds from then on, s from the beginning of the piece, if that is `soon`, or within the piece's
+    /// `duration` before the joint has gone further than data tell. A filter sets a joint that stands moving by a little in every row. Both ways
+    /// let it stop over their first step, so that they are off by what grows as that step, on all that moves with it, too: that is an order, and
+    /// careful steps that are longer than the stop come no nearer. `h` is the last step, and `accelerates` by how much an effort accelerates the
+    /// joint.
     fn stops_after(&self, j: usize, [soon, duration]: [f64; 2], told: f64, h: f64, accelerates: f64) -> Option<f64> {
         if self.coarse.v[j] != 0.0 || self.state.v[j] != 0.0 || self.ws.held()[j] != Held::Stuck {
             return None;
@@ -199,10 +205,10 @@ impl Motion {
     }
 }
 
-/// Mean of what drives the only joint from a time on for so long, s; `k` is a row near there. What came before the first row is not known and
+/// Mean of what drives joint `j` from a time on for so long, s; `k` is a row near there. What came before the first row is not known and
 /// is taken for that row's.
-fn held(trajectory: &Trajectory, k: usize, from: f64, duration: f64) -> f64 {
-    let time = &trajectory.time;
+fn held(trajectory: &Trajectory, (k, j): (usize, usize), from: f64, duration: f64) -> f64 {
+    let (time, n) = (&trajectory.time, trajectory.joints);
     let mut row = k;
     while row > 0 && time[row] > from {
         row -= 1;
@@ -213,7 +219,7 @@ fn held(trajectory: &Trajectory, k: usize, from: f64, duration: f64) -> f64 {
     let (mut sum, mut at, end) = (0.0, from, from + duration);
     loop {
         let next = time.get(row + 1).map_or(end, |t| t.min(end));
-        sum += trajectory.input[row] * (next - at);
+        sum += trajectory.input[row * n + j] * (next - at);
         if next >= end {
             return sum / duration;
         }
@@ -263,9 +269,16 @@ impl Plant {
             model.document.effects.iter().any(|e| there(e) && of_sensor(e))
         });
         let misread = misread.collect();
-        let by = |e: &EffectEntry| if late(e) { e.parameters.get("skew").copied() } else { None };
+        // The clock of the only joint is that of all.
+        let of_all = |e: &EffectEntry| late(e) && (e.joint.is_none() || moving.len() == 1);
+        let by = |e: &EffectEntry| if of_all(e) { e.parameters.get("skew").copied() } else { None };
         let skew: f64 = model.document.effects.iter().filter_map(by).sum();
-        let skew = (moving.len() == 1 && skew != 0.0).then_some(skew);
+        let skew = (skew != 0.0).then_some(skew);
+        let own = |j: &usize| {
+            let of_joint = |e: &&EffectEntry| late(e) && !of_all(e) && e.joint.as_deref() == Some(model.joints[*j].name.as_str());
+            model.document.effects.iter().filter(of_joint).filter_map(|e| e.parameters.get("skew")).sum()
+        };
+        let clocks = moving.iter().map(own).collect();
         let on_its_way = |e: &EffectEntry| if e.effect == "transport_delay" { e.parameters.get("delay").copied() } else { None };
         let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();
         let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
@@ -275,6 +288,7 @@ impl Plant {
             ends,
             misread,
             skew,
+            clocks,
             behind_drives,
             late,
             accelerates: Vec::new(),
@@ -499,7 +513,7 @@ impl Plant {
             for j in 0..n {
                 let drive = trajectory.drive[j];
                 let u = match self.skew {
-                    Some(late) => held(trajectory, k, motion.state.time - late, h),
+                    Some(late) => held(trajectory, (k, j), motion.state.time - late, h),
                     None => trajectory.input[k * n + j],
                 };
                 motion.tau[j] = self.effort(j, drive, u, motion.state.q[j], motion.state.v[j]);
@@ -550,13 +564,15 @@ impl Plant {
         if self.misread[j] { self.system.measure(&motion.state, 0.0, j).effort.value } else { 0.0 }
     }
 
-    /// Lets time, s, pass in which nothing was recorded. A joint that was brought nowhere meanwhile stood, and what is bent there stays so. A new
-    /// recording `begins` where the base is at rest as well.
-    pub fn pause(&self, motion: &mut Motion, passed: f64, begins: bool) {
-        let Motion { state, ws, .. } = motion;
-        self.system.stand(ws, state, passed);
-        for base in self.system.placements().iter().filter(|p| begins && p.effect.description().acts == Acts::Base) {
-            state.z[base.z.clone()].fill(0.0);
+    /// Lets time, s, pass in which nothing was recorded. A joint that was brought nowhere meanwhile stood, and what is bent there stays so.
+    pub fn pause(&self, motion: &mut Motion, passed: f64) {
+        self.system.stand(&motion.ws, &mut motion.state, passed);
+    }
+
+    /// Bases that give way are at rest, as where a new recording begins.
+    pub fn rest_bases(&self, motion: &mut Motion) {
+        for base in self.system.placements().iter().filter(|p| p.effect.description().acts == Acts::Base) {
+            motion.state.z[base.z.clone()].fill(0.0);
         }
     }
 
@@ -619,18 +635,22 @@ impl Plant {
         inverse.as_slice().to_vec()
     }
 
-    /// The position that is read on joint `j` at the state's time, by its stamp. Where one of several joints is stamped late, from there by
-    /// its velocity and acceleration; where all are, the motion itself goes by the stamps.
+    /// A trajectory as its measurements were true, by the clocks of single joints.
+    pub fn on_time<'t>(&self, trajectory: &'t Trajectory) -> Cow<'t, Trajectory> {
+        on_time(trajectory, &self.clocks)
+    }
+
+    /// The position that is read on joint `j` with a stamp of the state's time. Where all are stamped late the motion itself goes by the stamps.
     pub fn reading(&self, motion: &Motion, j: usize) -> f64 {
+        self.reading_before(motion, j, self.clocks[j])
+    }
+
+    /// The position that was read on joint `j` so long before the state's time, s, by its velocity and acceleration.
+    pub fn reading_before(&self, motion: &Motion, j: usize, late: f64) -> f64 {
         if !self.misread[j] {
             return motion.state.q[j];
         }
         let reading = self.system.measure(&motion.state, 0.0, j);
-        if self.skew.is_some() {
-            return reading.position.value;
-        }
-        // What is stamped late by s was true s ago.
-        let late = reading.stamp.value - motion.state.time;
         let (v, a) = (motion.state.v[j], motion.acceleration[j]);
         reading.position.value - late * reading.position.d_q * (v - 0.5 * late * a)
     }

@@ -110,7 +110,7 @@ fn friction_that_holds_a_joint_does_not_make_it_immovable() {
 }
 
 /// Two links that hang on one another.
-fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
+pub(crate) fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
     let link = |name: &str| {
         format!(
             r#"<link name="{name}"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/>

@@ -291,11 +291,12 @@ fn changed(given: &ObjectModel, refitted: &ObjectModel, beside: &ObjectModel) ->
         }
     }
     for (e, entry) in given.document.effects.iter().enumerate() {
-        let joint = entry.joint.as_deref().unwrap_or("the base");
+        let without = || effects::find(&entry.effect).map_or("", |e| e.description().without_joint());
+        let place = entry.joint.as_ref().map_or_else(|| without().to_owned(), |joint| format!("'{joint}'"));
         for name in entry.parameters.keys() {
             let number = |m: &ObjectModel| m.document.effects.get(e).and_then(|e| e.parameters.get(name)).copied();
             if let [Some(x), Some(y), Some(z)] = models.map(number) {
-                add(format!("{name} of {} on '{joint}'", entry.effect), "", [x, y, z]);
+                add(format!("{name} of {} on {place}", entry.effect), "", [x, y, z]);
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use sagci_dynamics::effects;
 use serde::Serialize;
 
 use crate::flexible::Region;
@@ -44,7 +45,7 @@ pub struct NamedEffect {
     pub name: String,
     /// Names that the data cannot tell from it.
     pub alternatives: Vec<String>,
-    /// Its joint; none for the base.
+    /// Its joint; none for the base, or for all joints.
     pub joint: Option<String>,
     /// What it acts on: joint, actuator, sensor, kinematic or body.
     pub channel: String,
@@ -61,6 +62,13 @@ pub struct NamedEffect {
     pub evidence: EffectEvidence,
     /// Names that came next, and why each lost.
     pub runners_up: Vec<Reason>,
+}
+
+impl NamedEffect {
+    /// Where it is: its joint, or what it acts on where it has none.
+    pub fn place(&self) -> &str {
+        self.joint.as_deref().unwrap_or_else(|| effects::find(&self.name).map_or("", |e| e.description().without_joint()))
+    }
 }
 
 /// Why an effect is believed.

@@ -150,10 +150,14 @@ impl Search<'_> {
         for effect in effects::catalogue() {
             let description = effect.description();
             let linear = description.acts == Acts::Joint && description.parameter("encoder").is_none();
-            let places: Vec<Option<usize>> = match description.acts {
+            let mut places: Vec<Option<usize>> = match description.acts {
                 Acts::Base => vec![None],
                 _ => (0..self.names.len()).map(Some).collect(),
             };
+            // One for all is that of the only joint.
+            if description.shared && self.names.len() > 1 {
+                places.push(None);
+            }
             for joint in places {
                 let at = joint.unwrap_or(0);
                 let named = joint.map(|j| self.names[j].as_str());

@@ -342,19 +342,20 @@ impl<'a> Search<'a> {
 
     /// Of beginnings of one effect those that are nearest as they stand, where there are many.
     fn nearest(&self, begins: Vec<(&'static str, usize, Hypothesis)>) -> Vec<(&'static str, usize, Hypothesis)> {
-        let is_many = |name: &str, on: usize| begins.iter().filter(|b| (b.0, b.1) == (name, on)).count() > MANY;
-        let asked: Vec<bool> = begins.iter().map(|(name, on, _)| is_many(name, *on)).collect();
+        let mut places: BTreeMap<(&'static str, usize), Vec<Hypothesis>> = BTreeMap::new();
+        for (name, on, hypothesis) in begins {
+            places.entry((name, on)).or_default().push(hypothesis);
+        }
         let far = |hypothesis: &Hypothesis| self.problem.errors(hypothesis, &hypothesis.x).map_or(f64::INFINITY, |e| e.norm_squared());
-        let mut begins: Vec<_> =
-            begins.into_par_iter().zip(asked).map(|(begun, asked)| (if asked { far(&begun.2) } else { 0.0 }, asked, begun)).collect();
-        begins.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut kept: BTreeMap<(&str, usize), usize> = BTreeMap::new();
-        begins.retain(|(_, asked, (name, on, _))| {
-            let place = kept.entry((name, *on)).or_default();
-            *place += 1;
-            !asked || *place <= AHEAD
-        });
-        begins.into_iter().map(|(_, _, begun)| begun).collect()
+        let few = |((name, on), mut begins): ((&'static str, usize), Vec<Hypothesis>)| {
+            if begins.len() > MANY {
+                let mut by_squares: Vec<_> = begins.into_par_iter().map(|begun| (far(&begun), begun)).collect();
+                by_squares.sort_by(|a, b| a.0.total_cmp(&b.0));
+                begins = by_squares.into_iter().take(AHEAD).map(|(_, begun)| begun).collect();
+            }
+            begins.into_iter().map(move |begun| (name, on, begun))
+        };
+        places.into_iter().flat_map(few).collect()
     }
 
     /// The same load where it is with the joints as they mostly are, but carried by the link before or after: which of them carries it their motion

@@ -37,6 +37,15 @@ pub(crate) struct Settled<'s, 'a> {
     pub taken_back: Vec<Reason>,
 }
 
+/// The numbers of names that are settled.
+#[derive(Debug)]
+pub(crate) struct Numbers {
+    /// Where they were followed to, and how far they are known there; none where they are those of the fit.
+    pub told: Option<Followed>,
+    /// They are those that predict windows best.
+    pub of_windows: bool,
+}
+
 impl Settled<'_, '_> {
     /// Takes a name back, by its place among them, and fits the others without it.
     fn take_back(&mut self, which: usize, why: &str, reason: impl FnOnce(&'static str) -> Reason) -> Result<(), GapError> {
@@ -74,9 +83,39 @@ impl Settled<'_, '_> {
         }
     }
 
-    /// Where the model stays far off: numbers that predict windows best, where those that it has do not, and names that these windows need.
+    /// Follows the numbers to where the data lead them, row by row, and window by window where a model stays far off or where a name `adds_up`.
     /// `own` measures the gap over the data that all was fitted to.
-    pub fn over_windows(&mut self, told: Option<Followed>, own: &Measure<'_>) -> Result<Option<Followed>, GapError> {
+    pub fn numbers(&mut self, own: &Measure<'_>, adds_up: bool, seed: u64, notes: &mut Vec<String>) -> Numbers {
+        self.current = self.current.clone().with_sines_wrapped();
+        if self.chosen.is_empty() {
+            return Numbers { told: None, of_windows: false };
+        }
+        (self.say)("following what the data hardly tell");
+        let told = self.search.followed(&self.current, self.scale, self.measure);
+        let told = told.map_err(|error| notes.push(format!("what the data hardly tell was not followed: {error}"))).ok();
+        let fit = told.as_ref().map_or(&self.current, |t| &t.fit);
+        let why = match !self.search.many_joints() {
+            true if own.is_far(&fit.hypothesis, seed) => "the model stays far from the data over windows of time",
+            true if adds_up => "some effects are too small to be told from row to row and are told by what they add up to over many",
+            _ => return Numbers { told, of_windows: false },
+        };
+        (self.say)("fitting what is predicted over windows");
+        let told = match self.over_windows(told.clone(), own) {
+            Ok(over) => {
+                notes.push(format!("{why}, so the numbers are those that predict windows of time best"));
+                over
+            }
+            Err(error) => {
+                notes.push(format!("the last fit, to whole windows, was left out: {error}"));
+                // Numbers of names that were taken back meanwhile are none.
+                told.filter(|t| entries(&t.fit.hypothesis).len() == self.chosen.len())
+            }
+        };
+        Numbers { told, of_windows: true }
+    }
+
+    /// Where the model stays far off: numbers that predict windows best, where those that it has do not, and names that these windows need.
+    fn over_windows(&mut self, told: Option<Followed>, own: &Measure<'_>) -> Result<Option<Followed>, GapError> {
         let mut told = self.search.over_windows(told.as_ref().map_or(&self.current, |t| &t.fit), own)?.or(told);
         // Windows need one of several that share what they show. Of those the one goes that rows say least of.
         let least =

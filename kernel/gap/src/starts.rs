@@ -145,7 +145,7 @@ pub(crate) fn starts(effect: &str, view: &JointView) -> Vec<Vec<f64>> {
         // The encoder is on the link unless the model says so.
         "backlash" => {
             let gaps = [1.0 / 1000.0, 1.0 / 400.0, 1.0 / 200.0, 1.0 / 100.0, 1.0 / 50.0, 1.0 / 25.0];
-            [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, effects::RIGID, 0.0, 0.0], &gaps)).collect()
+            [0.03, 0.2].iter().flat_map(|share| each(&|g| vec![g * r, share * m, effects::RIGID_TEETH, 0.0, 0.0], &gaps)).collect()
         }
         "joint_elasticity" => {
             // The filter holds the link where it is measured, and the rotor swings against it: only a start whose rotor swings as fast, to three
@@ -253,7 +253,7 @@ pub(crate) fn neighbours(effect: &str, values: &[f64], view: &JointView) -> Vec<
                 |pace: f64, share: f64| ("backlash", vec![half_gap, inertia, inertia * pace * pace, 2.0 * share * inertia * pace, encoder]);
             let paces = [100.0, 200.0, 400.0, 800.0, 1600.0];
             let all = paces.into_iter().flat_map(|pace| [0.05, 0.15, 0.4, 1.0].map(|share| begun(pace, share)));
-            let without_gap = (stiffness < effects::RIGID).then(|| ("joint_elasticity", vec![stiffness, damping, inertia, encoder]));
+            let without_gap = (stiffness < effects::RIGID_TEETH).then(|| ("joint_elasticity", vec![stiffness, damping, inertia, encoder]));
             all.chain(without_gap).chain([("armature_inertia", vec![inertia])]).collect()
         }
         ("joint_elasticity", &[_, _, inertia, ..]) => vec![("armature_inertia", vec![inertia])],

@@ -373,7 +373,7 @@ fn a_rotor_on_a_stiff_spring_begins_where_its_inertia_alone_ends() {
 #[test]
 fn a_rotor_is_asked_as_one_whose_play_or_spring_hardly_shows() {
     let rotor = [("armature_inertia", vec![0.0009])];
-    assert!(neighbours("backlash", &[1e-4, 0.0009, effects::RIGID, 0.0, 0.0], &view()).contains(&rotor[0]));
+    assert!(neighbours("backlash", &[1e-4, 0.0009, effects::RIGID_TEETH, 0.0, 0.0], &view()).contains(&rotor[0]));
     assert_eq!(neighbours("joint_elasticity", &[80.0, 0.1, 0.0009, 0.0], &view()), rotor);
 }
 

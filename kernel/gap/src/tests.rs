@@ -14,7 +14,7 @@ use crate::fit::{Derivatives, Effort, Fit};
 use crate::gaps::Measure;
 use crate::hypothesis::Hypothesis;
 use crate::noise;
-use crate::observer::{self, Errors, Gains, Noise};
+use crate::observer::{self, Errors, Noise};
 use crate::part::{comes_up, thinned};
 use crate::plant::Plant;
 use crate::report::{Gap, JointGap, Verdict};
@@ -411,8 +411,8 @@ fn the_gap_of_the_right_model_is_its_noise() {
     assert!(off.rmse[0] > 20.0 * figures.rmse[0], "{off:?}");
 }
 
-/// A door that stands on its hinge, held up by a hand whose effort is read with noise: by itself it falls within a second, to where errors grow no more,
-/// and noise seemed to make half of the gap that it makes. A stop of an oven's door was taken back for that.
+/// A door that stands on its hinge, held up by a hand whose effort is read with noise: by itself it falls within a second, to where errors grow
+/// no more, and noise seemed to make half of the gap that it makes. A stop of an oven's door was taken back for that.
 #[test]
 fn noise_beside_an_unstable_rest_makes_all_of_the_gap_that_it_makes() {
     let mut model = door();
@@ -513,8 +513,7 @@ fn how_closely_a_motion_is_followed_is_sought_to_both_sides() {
     let factors = likely_noise(&plant, &log, &|factors| noise.times(factors), [0.0, f64::INFINITY], Seek::Everywhere);
     let off = |factors: [f64; 2]| {
         let mut errors = Errors::default();
-        let gains = Gains::new(&log[0], &noise.times(factors));
-        observer::run(&plant, &log[0], &gains, &mut plant.motion(), &mut errors, None).unwrap();
+        observer::run(&plant, &log[0], &noise.times(factors), &mut plant.motion(), &mut errors, None).unwrap();
         (errors.position.iter().map(|e| e * e).sum::<f64>() / errors.position.len() as f64).sqrt()
     };
     assert!(off([1.0; 2]) > 10.0 && off(factors) < 2.0 && factors[0] < 4.0, "{} {} {factors:?}", off([1.0; 2]), off(factors));

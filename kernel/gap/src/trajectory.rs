@@ -7,6 +7,7 @@ use sagci_model::ObjectModel;
 use sagci_recording::{CommandKind, JointLog, Log, Series};
 
 use crate::GapError;
+use crate::clocks::OnTime;
 use crate::inputs::{Inputs, followed, law_of, per_input};
 use crate::noise;
 use crate::plant::Plant;
@@ -76,6 +77,8 @@ pub(crate) struct Trajectory {
     /// It goes on where the one before it ends.
     pub continues: bool,
     pub joints: usize,
+    /// Where measurements were moved to rows at which they were true.
+    pub on_time: Option<Box<OnTime>>,
     /// What had to be done to its inputs.
     pub notes: Vec<String>,
 }
@@ -313,6 +316,7 @@ impl Trajectory {
             starts,
             continues: log.continues,
             joints: n,
+            on_time: None,
             notes: Vec::new(),
         })
     }
@@ -349,6 +353,7 @@ impl Trajectory {
             starts,
             continues: self.continues,
             joints: n,
+            on_time: None,
             notes: self.notes.clone(),
         };
         these.forget_starts();
@@ -401,6 +406,7 @@ impl Trajectory {
             starts: vec![0],
             continues: false,
             joints,
+            on_time: None,
             notes: Vec::new(),
         }
     }

@@ -59,8 +59,8 @@ fn places(rows: &[[f64; 4]], low: f64, high: f64) -> Vec<f64> {
     chosen.iter().map(|b| low + (high - low) * (*b as f64 + 0.5) / BINS as f64).collect()
 }
 
-/// Share of a joint's way at whose ends something may press against it, of its usual speed below which it hardly moves, and of the largest force there
-/// from which on a force is that; and how many rows tell.
+/// Share of a joint's way at whose ends something may press against it, of its usual speed below which it hardly moves, and of the largest force
+/// there from which on a force is that; and how many rows tell.
 const AT_THE_END: f64 = 0.3;
 const HARDLY: f64 = 0.3;
 const PRESSES: f64 = 0.25;

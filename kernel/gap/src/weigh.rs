@@ -536,8 +536,12 @@ impl<'a> Search<'a> {
         typical.iter().zip(&self.inertias).map(|(a, m)| a * m).collect()
     }
 
-    /// Does anything move?
+    /// Does anything move? Says what does not, and what stands in each recording.
     pub fn check_motion(&self, notes: &mut Vec<String>) -> Result<(), GapError> {
+        let still = self.names.iter().zip(&self.still).filter(|(_, still)| **still);
+        notes.extend(
+            still.map(|(name, _)| format!("{name}: stands in each recording, if elsewhere in others; nothing is looked for on it")),
+        );
         let mut moves = false;
         for (j, name) in self.names.iter().enumerate() {
             let [low, high] = Trajectory::range(self.problem.trajectories, j);

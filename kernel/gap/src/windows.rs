@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::GapError;
-use crate::observer::{self, Errors, Gains, Noise, Run};
+use crate::observer::{self, Errors, Noise, Run};
 use crate::part;
 use crate::plant::{Motion, Plant};
 use crate::trajectory::Trajectory;
@@ -84,10 +84,9 @@ pub(crate) fn likely_noise(
 ) -> [f64; 2] {
     let run = |factors: [f64; 2]| -> f64 {
         let one = |trajectory: &Trajectory| {
-            let gains = Gains::new(trajectory, &noise(factors));
             let mut errors = Errors::default();
-            let run = observer::run(plant, trajectory, &gains, &mut plant.motion(), &mut errors, None);
-            run.map_or(f64::INFINITY, |()| 0.5 * errors.position.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
+            let run = observer::run(plant, trajectory, &noise(factors), &mut plant.motion(), &mut errors, None);
+            run.map_or(f64::INFINITY, |gains| 0.5 * errors.position.iter().map(|e| e * e).sum::<f64>() + gains.log_determinant())
         };
         trajectories.par_iter().map(one).sum()
     };
@@ -313,9 +312,8 @@ impl Smoothed {
         let mut motion = plant.motion();
         let (mut runs, mut largest) = (Vec::new(), 0.0f64);
         for trajectory in trajectories {
-            let gains = Gains::new(trajectory, noise);
             let (mut run, mut errors) = (Run::default(), Errors::default());
-            observer::run(plant, trajectory, &gains, &mut motion, &mut errors, Some(&mut run))?;
+            let gains = observer::run(plant, trajectory, noise, &mut motion, &mut errors, Some(&mut run))?;
             observer::smooth(&mut run, trajectory, &gains);
             largest = largest.max(errors.position.iter().map(|e| e * e).sum::<f64>() / errors.position.len().max(1) as f64);
             runs.push(run);

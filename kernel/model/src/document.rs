@@ -163,7 +163,7 @@ impl XyzRpy {
 pub struct EffectEntry {
     /// The effect's name in the catalogue, for example `joint_spring`.
     pub effect: String,
-    /// The joint it acts on.
+    /// The joint it acts on; none for what acts on the base, and for a clock by which all joints are read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<String>,
     /// Parameters by name, SI units.

@@ -368,9 +368,9 @@ fn text(report: &Report) -> String {
     };
     text += &format!("verdict  {verdict}\n");
     for effect in &report.effects {
-        let joint = effect.joint.as_deref().unwrap_or("the base");
+        let place = effect.place();
         let confirmed = if effect.confirmed { "confirmed by held-out data" } else { "not confirmed by held-out data" };
-        text += &format!("\n{} on {joint} ({confirmed})\n", effect.name);
+        text += &format!("\n{} on {place} ({confirmed})\n", effect.name);
         if !effect.alternatives.is_empty() {
             text += &format!("  or, as far as the data can tell: {}\n", effect.alternatives.join(", "));
         }

@@ -13,7 +13,7 @@ use super::{ABOVE_ZERO, Advance, Description, Instant, Law, Number, Parameter, P
 use super::{around, unit};
 
 /// Stiffness of teeth that do not give way, N m/rad or N/m.
-pub const RIGID: f64 = 1e9;
+pub const RIGID_TEETH: f64 = 1e9;
 /// Behind the link, and ahead of it.
 const SIDES: [f64; 2] = [-1.0, 1.0];
 
@@ -27,7 +27,7 @@ static DESCRIPTION: Description = Description {
         // 0.01 rad to 2 degrees.
         Parameter::new("half_gap", unit::POSITION, SIZE, [around(0.009, 0.6), around(5e-4, 0.8)]).cited(),
         Parameter::new("rotor_inertia", unit::INERTIA, ABOVE_ZERO, [around(0.02, 1.0), around(0.5, 1.0)]),
-        Parameter::new("stiffness", unit::STIFFNESS, ABOVE_ZERO, [around(1e4, 1.4), around(1e5, 1.4)]).or_else(RIGID),
+        Parameter::new("stiffness", unit::STIFFNESS, ABOVE_ZERO, [around(1e4, 1.4), around(1e5, 1.4)]).or_else(RIGID_TEETH),
         Parameter::new("damping", unit::DAMPING, SIZE, [around(10.0, 2.0), around(100.0, 2.0)]).or_else(0.0),
         Parameter::choice("encoder", &["link", "motor"]),
     ],
@@ -64,7 +64,7 @@ impl Law for Backlash {
         let [half_gap, inertia, ..] = x.theta;
         let [gap, rate] = x.z;
         let (h, alone) = (at.dt, x.v + rate + x.input * at.dt / inertia - x.next);
-        if theta[2] >= RIGID {
+        if theta[2] >= RIGID_TEETH {
             let next = (gap + alone * h).clamp(-half_gap, half_gap);
             out.z = [next, (next - gap) * (1.0 / h)];
             return;
@@ -87,7 +87,7 @@ fn push<N: Number>(x: &Variables<N>, theta: &[f64], side: f64, h: f64) -> N {
     let [gap, rate] = x.z;
     let carried = x.input * side + inertia * (x.v + rate - x.next) * (side / h);
     let deep = gap * side - half_gap;
-    if theta[2] >= RIGID {
+    if theta[2] >= RIGID_TEETH {
         return carried + inertia * deep * (1.0 / (h * h));
     }
     // The rate at the end, with teeth that push.

@@ -1,5 +1,6 @@
 //! What is measured at `t` is stamped `t + skew` against the command. The values are untouched, so nothing is approximated: compare
-//! readings by their stamps.
+//! readings by their stamps. Without a joint it is the clock by which all joints of a part are read, as where one log brings together the
+//! messages of two computers.
 
 use super::{Acts, Description, Instant, Law, Parameter, Reading, near, unit};
 
@@ -17,6 +18,7 @@ static DESCRIPTION: Description = Description {
     experiment: "the command and the measurement apart: in one log it is a delay",
     source: "two clocks",
     linear: true,
+    shared: true,
     ..Description::BLANK
 };
 
@@ -25,8 +27,9 @@ impl Law for ClockSkew {
         &DESCRIPTION
     }
 
-    fn measure(&self, theta: &[f64], at: &Instant<'_>, out: &mut Reading) {
-        out.stamp.value = at.time + theta[0];
+    fn measure(&self, theta: &[f64], _: &Instant<'_>, out: &mut Reading) {
+        // On top of the clock of all joints, where both are off.
+        out.stamp.value += theta[0];
         out.stamp.d_theta[0] = 1.0;
     }
 }

@@ -60,7 +60,7 @@ mod transport_delay;
 mod unmodelled_mode;
 mod viscous_friction;
 
-pub use backlash::RIGID;
+pub use backlash::RIGID_TEETH;
 pub(crate) use catalogue::check_parameter;
 pub use catalogue::{catalogue, find, page, parameters_of};
 pub use interface::*;

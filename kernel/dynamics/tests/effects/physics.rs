@@ -594,6 +594,31 @@ fn sensors_read_through_scale_drift_and_clock_and_have_their_derivatives() {
     }
 }
 
+/// Read by one clock, an arm's second joint was on time, since a clock had to stand on the first.
+#[test]
+fn a_clock_without_a_joint_stamps_all_joints_of_its_part_alike() {
+    let urdf = link("base", 1.0, [0.0; 3], [1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+        + &link("a", 1.0, [0.0, 0.0, -0.2], [0.1, 0.0, 0.0, 0.1, 0.0, 0.1])
+        + &link("b", 1.0, [0.0, 0.0, -0.2], [0.1, 0.0, 0.0, 0.1, 0.0, 0.1])
+        + &joint("one", "revolute", "base", "a", [0.0, 1.0, 0.0], [0.0; 6], WIDE)
+        + &joint("two", "revolute", "a", "b", [0.0, 1.0, 0.0], [0.0, 0.0, -0.4, 0.0, 0.0, 0.0], WIDE);
+    let model = model("arm", &urdf);
+    let mut system = System::new(&[welded(&model)]).unwrap();
+    system.add_effect("arm", &entry("clock_skew", None, &[("skew", 0.02)])).unwrap();
+    system.add_effect("arm", &entry("clock_skew", Some("two"), &[("skew", 0.003)])).unwrap();
+    let state = State { time: 3.0, ..system.state() };
+    assert_eq!(system.measure(&state, 0.0, 0).stamp.value, 3.02);
+    assert!((system.measure(&state, 0.0, 1).stamp.value - 3.023).abs() < 1e-14);
+    // Both joints' stamps go with the one number.
+    for (v, expected) in [(0, [1.0, 0.0]), (1, [1.0, 1.0])] {
+        let mut theta = [0.0; 2];
+        system.measure_back(&state, 0.0, v, &mut [0.0, 0.0, 0.0, 1.0], &mut [], &mut theta);
+        assert_eq!(theta, expected);
+    }
+    // What is no clock needs its joint.
+    assert!(system.add_effect("arm", &entry("encoder_offset", None, &[("offset", 0.03), ("scale_error", 0.0)])).is_err());
+}
+
 #[test]
 fn wear_decays_and_scales_losses_alone() {
     let wear = [("amplitude", 0.5), ("time_constant", 2.0)];

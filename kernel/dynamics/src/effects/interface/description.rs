@@ -28,6 +28,8 @@ pub struct Description {
     pub wears: bool,
     /// It can only take energy, or give back what it has taken.
     pub passive: bool,
+    /// It may be one for all joints of a part, which is meant where no joint is named.
+    pub shared: bool,
 }
 
 /// What an effect acts on.
@@ -68,7 +70,13 @@ impl Description {
         linear: false,
         wears: false,
         passive: true,
+        shared: false,
     };
+
+    /// Where it is, if no joint is named.
+    pub fn without_joint(&self) -> &'static str {
+        if self.shared { "all joints" } else { "the base" }
+    }
 
     /// Have values in the order of its parameters the shape that the name stands for, as far as values are known that may be the same?
     pub fn is_shaped(&self, values: &[f64]) -> bool {
