@@ -48,6 +48,8 @@ pub(crate) struct Problem<'a> {
     pub rough: bool,
     /// Errors change smoothly with what is fitted: see [`Plant::smooth`].
     pub smooth: bool,
+    /// What is added to all errors: by as much those of light steps differ from exact ones where that is known.
+    pub defect: Option<DVector<f64>>,
     /// How much efforts accelerate joints, if that is not to be asked of each plant.
     pub mobility: Option<Vec<f64>>,
 }
@@ -58,7 +60,19 @@ impl<'a> Problem<'a> {
         let period = trajectories.first().map_or(0.005, Trajectory::period);
         let efforts = |j: usize| trajectories.iter().flat_map(move |t| t.strain.iter().skip(j).step_by(t.joints));
         let most = (0..middle.len()).map(|j| efforts(j).filter(|u| u.is_finite()).fold(1e-6, |a: f64, u| a.max(u.abs()))).collect();
-        Self { trajectories, disturbance, middle, period, most, limits: limits.to_vec(), step, rough: false, smooth: false, mobility: None }
+        Self {
+            trajectories,
+            disturbance,
+            middle,
+            period,
+            most,
+            limits: limits.to_vec(),
+            step,
+            rough: false,
+            smooth: false,
+            defect: None,
+            mobility: None,
+        }
     }
 
     /// Prediction errors of a plant, and its runs along all trajectories.
@@ -118,7 +132,11 @@ impl<'a> Problem<'a> {
             Ok(errors)
         };
         let errors: Vec<Errors> = self.sessions().par_iter().map(run).collect::<Result<_, GapError>>()?;
-        Ok(Errors::joined(&errors))
+        let errors = Errors::joined(&errors);
+        Ok(match &self.defect {
+            Some(defect) => errors + defect,
+            None => errors,
+        })
     }
 
     /// Number of errors that something was measured for.

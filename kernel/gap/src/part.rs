@@ -150,6 +150,7 @@ impl Search<'_> {
             step: problem.step,
             rough: problem.rough,
             smooth: problem.smooth,
+            defect: None,
             mobility: problem.mobility.clone(),
         };
         Search {
@@ -167,11 +168,14 @@ impl Search<'_> {
 }
 
 impl Part {
+    /// Of entries of all data those of this part.
+    pub fn pick(&self, all: &DVector<f64>) -> DVector<f64> {
+        DVector::from_iterator(self.entries.len(), self.entries.iter().map(|i| i.map_or(0.0, |i| all[i])))
+    }
+
     /// A fit of all data as it is seen by a search over this part.
     pub fn of(&self, light: &Search<'_>, fit: &Fit) -> Result<Fit, GapError> {
-        let pick =
-            |column: &DVector<f64>| DVector::from_iterator(self.entries.len(), self.entries.iter().map(|i| i.map_or(0.0, |i| column[i])));
-        let jacobian = fit.jacobian.iter().map(pick).collect();
+        let jacobian = fit.jacobian.iter().map(|column| self.pick(column)).collect();
         Ok(Fit { jacobian, ..Fit::start(&light.problem, fit.hypothesis.clone())? })
     }
 }

@@ -176,7 +176,7 @@ fn a_joint_that_stops_before_data_tell_is_where_short_steps_bring_it() {
 }
 
 /// The model's own motion from a fling, with noise of positions.
-fn flung(model: &ObjectModel, velocities: [f64; 2]) -> Log {
+pub(crate) fn flung(model: &ObjectModel, velocities: [f64; 2]) -> Log {
     use rand::SeedableRng;
     let plant = Plant::new(model, &[[false; 2]; 2], 5e-5).unwrap();
     let mut motion = plant.motion();
