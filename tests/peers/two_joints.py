@@ -1,10 +1,11 @@
 """Recordings of an arm of two joints, at one of which an effect is hidden, and how `sagci gap` answers to them.
 
-    python3 tests/peers/two_joints.py OUT [--count 28] [--first 0] [--seed 1] [--sagci target/release/sagci]
+    python3 tests/peers/two_joints.py OUT [--count 28] [--first 0] [--seed 1] [--own-clocks] [--sagci target/release/sagci]
 
 Needs nothing but Python, and `one_joint.py` beside it: its effects, its files and its way of asking. The arm's equations are written out
 for two links that turn about parallel axes, level or upright; steps are those of `one_joint.py`, and both joints' dry friction is the
-impulses that together may stop them (projected Gauss-Seidel). An answer at the other joint is wrong.
+impulses that together may stop them (projected Gauss-Seidel). An answer at the other joint is wrong. A clock that is off reads both joints, or
+with --own-clocks one of them.
 """
 import argparse
 import bisect
@@ -101,7 +102,7 @@ class Arm:
         return text + "</robot>\n"
 
 
-def make(out, k, seed):
+def make(out, k, seed, own_clocks):
     r = random.Random(77000 * seed + k)
     effect = EFFECTS[k % len(EFFECTS)]
     arm = Arm(r, effect in OF_WEIGHT or r.random() < 0.6)
@@ -158,17 +159,18 @@ def make(out, k, seed):
                     efforts.append(joint.drive(servo[j][0] * (c - joint.q) - servo[j][1] * joint.v if drive == "command_position" else c))
                 true.step(joints, session + now, efforts)
         file = folder / ("held_out.csv" if kind == "mixed" else f"train_{kind}.csv")
-        write(file, r, rows, times, drive, recorded, noise, (effect, p, at), (session, goes_on))
+        write(file, r, rows, times, drive, recorded, noise, (effect, p, at), (session, goes_on), own_clocks)
         session += times[-1]
-    truth = {"effects": {effect: p}, "joint": NAMES[at], "mechanism": "upright arm" if arm.upright else "level arm", "drive": drive,
+    of_all = effect == "clock_skew" and not own_clocks
+    truth = {"effects": {effect: p}, "joint": None if of_all else NAMES[at], "mechanism": "upright arm" if arm.upright else "level arm", "drive": drive,
              "rate": rate, "recorded": recorded, "noise": noise}
     (out / "sealed").mkdir(exist_ok=True)
     (out / "sealed" / f"{name}.json").write_text(json.dumps(truth, indent=1))
     return name
 
 
-def write(path, r, rows, times, drive, recorded, noise, hidden, session):
-    """What is measured. A clock that is off reads both joints at another time than it says."""
+def write(path, r, rows, times, drive, recorded, noise, hidden, session, own_clocks):
+    """What is measured. A clock that is off reads its joints at another time than it says."""
     effect, p, at = hidden
     velocities = recorded == "with noisy velocities"
     columns = [c for n in NAMES for c in (f"{n}.position", f"{n}.{drive}", f"{n}.velocity")[: 3 if velocities else 2]]
@@ -177,7 +179,7 @@ def write(path, r, rows, times, drive, recorded, noise, hidden, session):
     for t, q, v, commands in rows:
         q = list(q)
         if effect == "clock_skew":
-            q = [read_at(t - p["skew"], times, own) for own in states]
+            q = [read_at(t - p["skew"], times, states[j]) if j == at or not own_clocks else q[j] for j in range(2)]
         if effect == "encoder_offset":
             q[at] += p["offset"]
         if effect == "sensor_drift":
@@ -200,19 +202,20 @@ def main():
     parser.add_argument("--count", type=int, default=len(EFFECTS), help="recordings, the effects in turns")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--own-clocks", action="store_true", help="a clock that is off reads one joint alone")
     parser.add_argument("--sagci", help="program to ask")
     given = parser.parse_args()
     counts = {}
     for k in range(given.first, given.first + given.count):
-        name = make(given.out, k, given.seed)
+        name = make(given.out, k, given.seed, given.own_clocks)
         if not given.sagci:
             continue
         how, line = one_joint.ask(given.sagci, given.out, name)
         if how in ("right", "in the set"):
             answer = json.loads((given.out / "answers" / f"{name}.json").read_text())
             truth = json.loads((given.out / "sealed" / f"{name}.json").read_text())
-            # A clock is off for both, wherever it is said.
-            if any(e["joint"] not in (None, truth["joint"]) for e in answer["effects"] if "clock_skew" not in truth["effects"]):
+            of_base = {"unmodelled_mode"}
+            if any(e["joint"] != truth["joint"] for e in answer["effects"] if e["name"] not in of_base):
                 how, line = "wrong joint", line + " AT THE OTHER JOINT"
         counts[how] = counts.get(how, 0) + 1
         print(line, flush=True)

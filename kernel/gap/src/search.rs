@@ -214,11 +214,10 @@ impl<'a> Search<'a> {
             _ if !self.many_joints() && (rough || part.is_some() || self.problem.step < STEP) => {
                 let light = self.over(part.as_ref().map_or(self.problem.trajectories, |part| &part.trajectories)).lightly(rough);
                 let there = part.as_ref().map_or_else(|| base.under(&light.problem), |part| part.of(&light, base))?;
-                let errors = part.as_ref().map_or_else(|| base.errors.clone(), |part| part.pick(&base.errors));
-                let (light, there) = light.set_right(there, errors);
+                let exact = part.as_ref().map_or_else(|| base.errors.clone(), |part| part.pick(&base.errors));
                 // What is visited seldom, or shows a little, is seen in all of them.
                 let screened = self.screen(base, &views, scale, most)?;
-                self.ended(base, self.begun_lightly(base, &views, (&light, &there), screened, scale, gain), scale, gain)
+                self.ended(base, self.begun_lightly(base, &views, (&light, &there, Some(exact)), screened, scale, gain), scale, gain)
             }
             None => self.ended(base, self.begun(base, &views, self.screen(base, &views, scale, most)?, scale, gain), scale, gain),
             Some(part) => {
@@ -229,8 +228,7 @@ impl<'a> Search<'a> {
                 let begun = if rough {
                     let lighter = light.clone().lightly(rough);
                     let there = base_there.under(&lighter.problem)?;
-                    let (lighter, there) = lighter.set_right(there, base_there.errors.clone());
-                    light.begun_lightly(&base_there, &views, (&lighter, &there), screened, scale, gain * share)
+                    light.begun_lightly(&base_there, &views, (&lighter, &there, None), screened, scale, gain * share)
                 } else {
                     light.begun(&base_there, &views, screened, scale, gain * share)
                 };
@@ -266,34 +264,46 @@ impl<'a> Search<'a> {
     }
 
     /// The same, where the errors of a fit are known otherwise: what light steps, and stretches that begin anew, make of them is taken off all errors.
-    /// That is little beside what is missing, and much beside what is left of it; fits would go after it, each as far as its numbers let it
-    /// (Stetter 1978, defect correction).
-    fn set_right(mut self, fit: Fit, errors: DVector<f64>) -> (Self, Fit) {
-        self.problem.defect = Some(&errors - &fit.errors);
+    /// Fits would go after it, each as far as its numbers let it (Stetter 1978, defect correction). It is that of the fit, and of others as far as
+    /// these are near.
+    fn set_right(&self, fit: &Fit, errors: DVector<f64>) -> (Self, Fit) {
+        let mut right = self.clone();
+        right.problem.defect = Some(&errors - &fit.errors);
         let squares = errors.norm_squared();
-        (self, Fit { errors, squares, judged: squares, ..fit })
+        (right, Fit { errors, squares, judged: squares, ..fit.clone() })
     }
 
     /// First fits over a part of the data or in longer steps, as all of them see what these come to; over all of them of what the part shows much
     /// less of than its share, and of what it shows most of and all of them do not: of a mode stretches that begin at rest are led astray. The lighter
-    /// search comes with its fit of the base.
+    /// search comes with its fit of the base, and the errors that this has in all data and exact steps, where fits begin set right by these, too.
     fn begun_lightly(
         &self,
         base: &Fit,
         views: &[JointView],
-        (light, there): (&Search<'_>, &Fit),
+        (light, there, exact): (&Search<'_>, &Fit, Option<DVector<f64>>),
         screened: Vec<Screened>,
         scale: f64,
         gain: f64,
     ) -> Vec<Candidate> {
         let share = light.share_of(self);
-        let begun = light.begun(there, views, screened.clone(), scale, gain * share);
         let gains = |candidates: &[Candidate], here: f64| -> BTreeMap<(&str, Option<usize>), f64> {
             candidates.iter().map(|c| ((c.effect, c.joint), c.evidence - here)).collect()
         };
-        let shown = gains(&begun, light.evidence(there, scale));
+        let begin = |light: &Search<'_>, there: &Fit| light.begun(there, views, screened.clone(), scale, gain * share);
+        // Far from the base, where much is missing, its own light errors say nothing; near it they are much of what is left.
+        let right = exact.filter(|exact| 0.5 * (exact - &there.errors).norm_squared() > CONVINCING * scale * scale);
+        let right = right.map(|exact| light.set_right(there, exact));
+        let mut begun = right.as_ref().map_or_else(Vec::new, |(light, there)| begin(light, there));
+        let plain = begin(light, there);
+        let shown = match &right {
+            Some((light, there)) => gains(&begun, light.evidence(there, scale)),
+            None => gains(&plain, light.evidence(there, scale)),
+        };
+        begun.extend(plain);
         let most = shown.values().copied().fold(0.0, f64::max);
         let mut begun: Vec<Candidate> = begun.into_par_iter().filter_map(|c| self.carried(base, c, scale)).collect();
+        begun.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        one_of_each(&mut begun);
         let kept = gains(&begun, self.evidence(base, scale));
         let again = |s: &Screened| {
             let of = |gains: &BTreeMap<_, f64>| gains.get(&(s.effect, s.joint)).copied().unwrap_or(f64::NEG_INFINITY);
@@ -642,7 +652,7 @@ mod tests {
         let light = search.over(&data).lightly(true);
         let there = base.under(&light.problem).unwrap();
         let lent = gain(&light, &there);
-        let (light, there) = light.set_right(there, base.errors.clone());
+        let (light, there) = light.set_right(&there, base.errors.clone());
         let left = gain(&light, &there);
         assert!(lent > 100.0 && left < 10.0, "{lent} in light steps, {left} set right");
     }
