@@ -580,6 +580,7 @@ pub(crate) fn minimise(
     let weight = 1.0 / (scale * scale);
     let prior = |x: &[f64]| fitted.iter().zip(x).map(|(f, x)| 0.5 * ((x - f.prior[0]) / f.prior[1]).powi(2)).sum::<f64>();
     let mut now = errors(&x);
+    let first = 0.5 * weight * now.norm_squared() + prior(&x);
     let mut damping = 1e-3;
     for _ in 0..rounds {
         let columns: Vec<Change> = (0..p)
@@ -610,7 +611,7 @@ pub(crate) fn minimise(
             if after < before {
                 (x, now, moved) = (tried, e, true);
                 damping = (damping * 0.1).max(1e-9);
-                if before - after < 0.1 {
+                if before - after < 0.1 + SHARE_OF_ALL * (first - after) {
                     return (x, now.norm_squared());
                 }
                 break;
@@ -624,6 +625,9 @@ pub(crate) fn minimise(
     let squares = now.norm_squared();
     (x, squares)
 }
+
+/// Share of all that a fit in the linear response has gained, below which a step brings nothing more: it is off by more than that.
+const SHARE_OF_ALL: f64 = 1e-3;
 
 /// Longest change of a logarithm in one step: beyond it a linear model says nothing.
 const LONGEST: f64 = 1.5;

@@ -34,8 +34,12 @@ const STEPS: usize = 12;
 const DAMPINGS: [f64; 5] = [1e-9, 1e-3, 1e-2, 0.1, 1.0];
 const ENOUGH: f64 = 0.1;
 const ENOUGH_LIGHTLY: f64 = 1.0;
-/// Share of a bar that the linear response has to promise: it is off by some hundredths.
+/// Share of a bar that the linear response has to promise: it is off by some hundredths. After so many steps it is off by less: what is behind
+/// by such a share of the bar, and by more than names' errors could hang together by, stays behind.
 const HOPELESS: f64 = 0.8;
+const SETTLED: usize = 3;
+const BEHIND: f64 = 0.01;
+const FAR_BEHIND: f64 = 500.0;
 /// How sharp a bend is, in units of the way to the next knot.
 const SHARP: f64 = 16.0;
 /// Sizes of the force that are expected, as shares of the typical one.
@@ -259,7 +263,7 @@ impl Search<'_> {
             let residual = self.as_residual(&state.fit, &force, &knots.heights(&state.numbers))?;
             follow(self, &state.fit, Some(&residual), self.problem.step)
         };
-        for _ in 0..STEPS {
+        for step in 0..STEPS {
             let mut columns = known_columns(&jacobian, &begun, &now.fit.hypothesis);
             let forces = knots.columns(&over.along(&response));
             columns.extend(forces.par_iter().map(|force| response.errors_of(force)).collect::<Vec<_>>());
@@ -270,7 +274,8 @@ impl Search<'_> {
             };
             let Some(sized) = sized else { return Ok(None) };
             let here = now.cost(sized.size, scale);
-            if before - here + sized.gain - sized.paid < HOPELESS * bar {
+            let asked = if step < SETTLED { HOPELESS * bar } else { bar - (BEHIND * bar).max(FAR_BEHIND) };
+            if before - here + sized.gain - sized.paid < asked {
                 return Ok(None);
             }
             (size, occam) = (Some(sized.size), sized.paid);
