@@ -139,10 +139,19 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     );
     let (mut gap, mut predicted) = predicted?;
 
+    let learn = |fit: &Fit, gap: &Gaps, scale: f64| match &gap.held_out {
+        Some(shown) => {
+            say("trying a learned force on what is left");
+            let (told, kept) = learned_remainder(&search, &measure, fit, scale, [shown.after, shown.noise_floor], options.seed)?;
+            Ok((Some(told), kept))
+        }
+        None => Ok::<_, GapError>((None, None)),
+    };
+    let (mut residual, mut learned) = learn(fit, &gap, settled.scale)?;
     let come_near = match (&remainder, lacking.first()) {
         (Some(left), Some((_, all))) => {
             let left_over = left_over(&search, (fit, &refitted), left, &gap, Named::of(&settled.chosen, nameless_won))?;
-            settled.only_near(&gap, (left, left_over.map_or(0.0, |l| l.share)), all)?
+            settled.only_near(&gap, (left, left_over.map_or(0.0, |l| l.share)), all, residual.as_ref())?
         }
         _ => None,
     };
@@ -154,6 +163,7 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
         current = refitted.clone();
         remainder = lacking.into_iter().next();
         (gap, predicted) = predict(&current)?;
+        (residual, learned) = learn(&current, &gap, scale)?;
     }
     let variances = match told {
         _ if chosen.is_empty() => None,
@@ -169,15 +179,8 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
 
     let windows = [predicted[0].as_slice(), predicted[2].as_slice()];
     let figures = plots::draw(&search, model, (&refitted, &current), (&trajectories, &unseen), windows, options.window)?;
-    let shown = gap.held_out.as_ref().unwrap_or(&gap.train);
-    let (mut residual, mut learned) = (None, None);
-    if !unseen.is_empty() {
-        say("trying a learned force on what is left");
-        let (tried, kept) = learned_remainder(&search, &measure, &current, scale, [shown.after, shown.noise_floor], options.seed)?;
-        (residual, learned) = (Some(tried), kept);
-    }
     if options.baselines {
-        baselines.insert("no_model_change".into(), shown.before);
+        baselines.insert("no_model_change".into(), gap.held_out.as_ref().unwrap_or(&gap.train).before);
     }
     say("choosing the next experiment");
     let agreed: Vec<bool> = effects.iter().map(|e| e.confirmed).collect();

@@ -6,7 +6,7 @@ use crate::fit::Fit;
 use crate::flexible::Nameless;
 use crate::gaps::Measure;
 use crate::near::{Beside, GOOD_PART, MOST_OF_IT, NEARLY};
-use crate::report::{Gaps, Reason};
+use crate::report::{Gaps, Reason, Remainder};
 use crate::search::{Search, entries};
 use crate::shape::is_bent;
 use crate::trajectory::Trajectory;
@@ -133,12 +133,14 @@ impl Settled<'_, '_> {
     }
 
     /// Why the names are the nearest neighbours of what is there, no more, where they are.
-    /// `gap` is with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead.
+    /// `gap` is with them, `left` a force on what they leave with its share of all that is lacking, if it is there, `all` one instead, and `learned`
+    /// one that was learned on what they leave.
     pub fn only_near(
         &self,
         gap: &Gaps,
         (left, share): (&(usize, Nameless), f64),
         all: &Nameless,
+        learned: Option<&Remainder>,
     ) -> Result<Option<&'static str>, GapError> {
         if self.chosen.is_empty() {
             return Ok(None);
@@ -160,6 +162,7 @@ impl Settled<'_, '_> {
             share,
             told,
             large: self.search.is_a_force(left) && left.1.force > GOOD_PART * explained,
+            learned: learned.filter(|l| l.kept).map_or(1.0, |l| l.gap[1] / l.gap[0]),
             unconfirmed: !self.unseen.is_empty() && !self.confirmed.iter().any(Unseen::confirms),
         };
         if self.is_imitated(said, beside.leaves())? {
