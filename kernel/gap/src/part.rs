@@ -101,8 +101,8 @@ impl Search<'_> {
     /// The part by which a search begins; none where all of the data are no more than that. Errors that are large beside noise tell as much
     /// in fewer rows: `scale` is theirs, in their deviations.
     pub fn part(&self, scale: f64) -> Option<Part> {
-        let enough = if self.many_joints() { ENOUGH } else { ENOUGH_OF_FEW };
-        let every = every(self.problem.measured(), (enough as f64 / scale.clamp(1.0, LARGE)) as usize);
+        let enough = if self.many_joints() { (ENOUGH as f64 / scale.clamp(1.0, LARGE)) as usize } else { ENOUGH_OF_FEW };
+        let every = every(self.problem.measured(), enough);
         if every < 2 {
             return None;
         }
