@@ -274,7 +274,7 @@ impl Search<'_> {
             };
             let Some(sized) = sized else { return Ok(None) };
             let here = now.cost(sized.size, scale);
-            let near = if step < SETTLED { 0.0 } else { bar - (BEHIND * bar).max(FAR_BEHIND) };
+            let near = if step < SETTLED { f64::NEG_INFINITY } else { bar - (BEHIND * bar).max(FAR_BEHIND) };
             let asked = near.max(HOPELESS * bar);
             if before - here + sized.gain - sized.paid < asked {
                 return Ok(None);
