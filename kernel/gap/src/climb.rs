@@ -12,7 +12,7 @@ use crate::search::{Candidate, Search};
 use crate::weigh::{CONVINCING, FALL, MATERIAL};
 
 /// Most effects that are looked for at once.
-const MOST: usize = 4;
+pub(crate) const MOST: usize = 4;
 /// Gain in evidence that the best promises, below which none is fitted any further.
 const HOPEFUL: f64 = 0.5 * CONVINCING;
 /// Gain in evidence from which on a name that makes windows no better is looked at beside another.
@@ -110,14 +110,10 @@ impl<'a> Climb<'a> {
     /// Names what is there.
     pub fn finish(mut self, ascent: &Ascent<'_>) -> Result<Self, GapError> {
         self.ascend(ascent, true)?;
-        let search = &self.search;
-        if self.chosen.is_empty() || search.many_joints() || !search.leaves_a_force(&self.current, self.scale)? {
+        if self.chosen.is_empty() || !self.falls_short(ascent)? {
             return Ok(self);
         }
-        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
-        if !measure.is_far(&self.current.hypothesis, ascent.seed) {
-            return Ok(self);
-        }
+        let measure = self.measure(ascent);
         let mut best: Option<Self> = None;
         for mut rival in self.rivals() {
             (ascent.say)(&format!("  looking again from {}", rival.chosen[0].best.effect));
@@ -128,6 +124,18 @@ impl<'a> Climb<'a> {
             }
         }
         Ok(best.unwrap_or(self))
+    }
+
+    /// Do the names on a few joints leave a force by which windows are far off?
+    pub fn falls_short(&self, ascent: &Ascent<'_>) -> Result<bool, GapError> {
+        let Self { search, current, scale, .. } = self;
+        let is_far = || self.measure(ascent).is_far(&current.hypothesis, ascent.seed);
+        Ok(!search.many_joints() && search.leaves_a_force(current, *scale)? && is_far())
+    }
+
+    /// The gap over the data that all is fitted to.
+    fn measure(&self, ascent: &Ascent<'_>) -> Measure<'_> {
+        Measure::new(&self.search, ascent.model, self.search.problem.trajectories, &[], ascent.window)
     }
 
     /// Names one after the other until none is there. False, and not at its end, where a name that is too small comes up and none may be held.
@@ -347,7 +355,7 @@ impl<'a> Climb<'a> {
     /// no other name takes most of that.
     fn brings_near(&self, fit: &Fit, ascent: &Ascent<'_>) -> bool {
         let (search, &Ascent { model, window, seed, .. }) = (&self.search, ascent);
-        let measure = Measure::new(search, model, search.problem.trajectories, &[], window);
+        let measure = self.measure(ascent);
         let usual = |fit: &Fit| measure.in_usual_window(&fit.hypothesis).unwrap_or(f64::INFINITY);
         measure.is_far(&self.current.hypothesis, seed)
             && (usual(fit) < MOST_OF_IT * usual(&self.current)
@@ -358,8 +366,7 @@ impl<'a> Climb<'a> {
     /// Does a name make windows no better only because another is missing as well? With the likeliest one beside it they are much better.
     fn shows_with_another(&self, fit: &Fit, ascent: &Ascent<'_>) -> Result<bool, GapError> {
         let (search, scale) = (&self.search, self.scale);
-        let measure = Measure::new(search, ascent.model, search.problem.trajectories, &[], ascent.window);
-        if !measure.is_far(&self.current.hypothesis, ascent.seed) {
+        if !self.measure(ascent).is_far(&self.current.hypothesis, ascent.seed) {
             return Ok(false);
         }
         let Some(second) = search.stage(fit, scale)?.into_iter().next() else { return Ok(false) };

@@ -3,7 +3,7 @@
 
 use crate::GapError;
 use crate::choice::Choice;
-use crate::climb::{Ascent, Climb};
+use crate::climb::{Ascent, Climb, MOST};
 use crate::fit::Fit;
 use crate::search::{Candidate, entries};
 use crate::weigh::CONVINCING;
@@ -17,7 +17,9 @@ impl Climb<'_> {
     /// Looks again at each of several names. The first, if it remains alone, keeps what was said of it when nothing else was there; another that
     /// does is asked about again, since it was chosen beside one that is gone. Where it fails half way, names stand as they did last.
     pub fn look_again(&mut self, ascent: &Ascent<'_>) -> Result<(), GapError> {
-        if self.chosen.len() < 2 {
+        // As many names as are looked for, that fall short, are what comes nearest to something without a name. So would others be in their places,
+        // of which each is asked for by a search of its own.
+        if self.chosen.len() < 2 || self.chosen.len() == MOST && self.falls_short(ascent)? {
             return Ok(());
         }
         (ascent.say)("looking again at each effect beside the others");
