@@ -664,6 +664,18 @@ impl Plant {
         if found.is_ok() { weights } else { still }
     }
 
+    /// Momentum of the whole with each joint moving alone, per 1 rad/s or m/s, at positions: N s in the world. None where it cannot be had.
+    pub fn momenta_at(&self, q: &[f64]) -> Vec<Vector3<f64>> {
+        let multibody = self.system.multibody();
+        let mut ws = multibody.workspace();
+        let mut alone = |j: usize| {
+            let v: Vec<f64> = (0..multibody.nv()).map(|i| if i == j { 1.0 } else { 0.0 }).collect();
+            multibody.set_state(&mut ws, q, &v).ok()?;
+            Some(multibody.momentum(&ws).linear)
+        };
+        (0..multibody.nv()).filter_map(&mut alone).collect()
+    }
+
     /// How late the motion goes by its stamps, s: efforts are read by a clock that is right.
     pub fn shown_late(&self) -> f64 {
         self.skew.unwrap_or(0.0)

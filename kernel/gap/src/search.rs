@@ -550,18 +550,23 @@ fn moves(trajectory: &Trajectory, joint: usize) -> bool {
     Series { time: Vec::new(), value: trajectory.positions(joint).filter(|y| y.is_finite()).collect() }.moves()
 }
 
-/// Share of the joint's typical force below which gravity does not move it, and positions at which that is asked.
+/// Share of the joint's typical force below which gravity does not move it, and positions of each trajectory at which such is asked.
 const WEIGHTLESS: f64 = 1e-3;
 const ASKED: usize = 50;
+
+/// Some of the positions where the data are.
+pub(crate) fn some_positions(trajectories: &[Trajectory], joints: usize) -> impl Iterator<Item = &[f64]> {
+    trajectories.iter().flat_map(move |trajectory| {
+        let rows = trajectory.position.chunks_exact(joints).filter(|q| q.iter().all(|x| x.is_finite()));
+        rows.step_by((trajectory.rows() / ASKED).max(1))
+    })
+}
 
 /// Largest effort of gravity on each joint where the data are, N m or N.
 fn weights(plant: &Plant, trajectories: &[Trajectory], joints: usize) -> Vec<f64> {
     let mut most = vec![0.0f64; joints];
-    for trajectory in trajectories {
-        let rows = trajectory.position.chunks_exact(joints).filter(|q| q.iter().all(|x| x.is_finite()));
-        for q in rows.step_by((trajectory.rows() / ASKED).max(1)) {
-            most.iter_mut().zip(plant.weights_at(q)).for_each(|(m, w)| *m = m.max(w.abs()));
-        }
+    for q in some_positions(trajectories, joints) {
+        most.iter_mut().zip(plant.weights_at(q)).for_each(|(m, w)| *m = m.max(w.abs()));
     }
     most
 }
