@@ -137,10 +137,12 @@ pub(crate) fn free_refit(search: &Search<'_>, refitted: &Fit, scale: f64) -> Res
     }
     let start = Fit::start(&problem, hypothesis)?;
     let all: Vec<usize> = (0..start.hypothesis.x.len()).collect();
-    let jacobian = problem.jacobian(&start.hypothesis, &start.hypothesis.x, &start.errors, &all)?;
+    let rough = problem.roughly();
+    let errors = rough.errors(&start.hypothesis, &start.hypothesis.x)?;
+    let jacobian = rough.jacobian(&start.hypothesis, &start.hypothesis.x, &errors, &all)?;
     let condensed = start.hypothesis.condensed(&jacobian, scale);
     // Numbers that were let go stand where they stood only if those kept are asked anew.
-    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::FRESH)
+    Fit::start(&problem, condensed)?.improve(&problem, scale, Effort::new(6, 0.5), Derivatives::ROUGH)
 }
 
 /// One term of the library on one joint.
