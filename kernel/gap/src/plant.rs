@@ -664,7 +664,8 @@ impl Plant {
         if found.is_ok() { weights } else { still }
     }
 
-    /// Momentum of the whole with each joint moving alone, per 1 rad/s or m/s, at positions: N s in the world. None where it cannot be had.
+    /// Momentum of the whole with each joint moving alone, per 1 rad/s or m/s, at positions: N s in the world. A joint of which it
+    /// cannot be had is left out.
     pub fn momenta_at(&self, q: &[f64]) -> Vec<Vector3<f64>> {
         let multibody = self.system.multibody();
         let mut ws = multibody.workspace();

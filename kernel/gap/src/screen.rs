@@ -530,7 +530,7 @@ mod tests {
         assert!(kept.contains(&"actuator_saturation") && kept.contains(&"encoder_offset") && !kept.contains(&"backlash"), "{kept:?}");
     }
 
-    /// A run for each of a mode's starts along a direction in which nothing moves was a sixth of a search.
+    /// A run for each of a mode's starts along directions in which nothing moves was a fourteenth of a search on a slide.
     #[test]
     fn a_base_is_not_asked_to_swing_where_nothing_stirs_it() {
         let logs = [Trajectory::new(&swing(&door(), 1e-4, 1), &door()).unwrap()];

@@ -278,7 +278,7 @@ pub(crate) mod tests {
             ("viscous_friction", &[("damping", 0.01)]),
             ("coulomb_friction", &[("friction", 0.01)]),
             ("quadratic_drag", &[("drag", 0.01)]),
-            ("load_dependent_friction", &[("coefficient", 0.01)]),
+            ("load_dependent_friction", &[("load_coefficient", 0.01)]),
         ];
         let left = |named: Numbers<'_>| {
             asked(&[("hard_stop", &spring)], named, |climb, ascent| {

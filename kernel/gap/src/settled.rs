@@ -269,6 +269,7 @@ mod tests {
         ask(&mut settled)
     }
 
+    /// Are names taken for the imitation of a force that has none?
     fn is_imitated(hidden: Numbers<'_>, named: Numbers<'_>) -> bool {
         asked(hidden, named, true, |settled| {
             let evidence = |fit: &Fit| settled.search.evidence_in_fit(fit, 1.0);
