@@ -340,7 +340,7 @@ impl System {
         ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
         for (place, base) in self.sways.iter().zip(&ws.bases) {
             let Some(motion) = self.base_step(place, base, state, dt) else { continue };
-            let acceleration = motion.sway.direction * ((motion.next_rate(base, w) - motion.rate) / dt);
+            let acceleration = motion.direction * ((motion.next_rate(base, w) - motion.rate) / dt);
             place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
         }
         multibody.accelerate_bases(&mut ws.rigid);
@@ -392,7 +392,7 @@ impl System {
         for (i, (place, base)) in self.sways.iter().zip(&ws.bases).enumerate() {
             let Some(motion) = self.base_step(place, base, state, dt) else { continue };
             let w = if first { &ws.first.w } else { &ws.problem.v };
-            let d = motion.sway.direction;
+            let d = motion.direction;
             // The force `d . sum F` of all that it carries, without gravity.
             let acceleration = d * ((motion.next_rate(base, w) - motion.rate) / dt) + multibody.gravity;
             ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
@@ -406,8 +406,10 @@ impl System {
                 x.plan.add_sweep(multibody, sweep, dt, &mut row[at.theta()..])?;
             }
             let placed = &self.placements()[place.placement];
-            if !x.plan.theta.is_empty() {
-                let (rate, sway) = (motion.next_rate(base, w), &motion.sway);
+            if !x.plan.theta.is_empty()
+                && let Some(sway) = placed.effect.sway(self.theta_of(placed))
+            {
+                let rate = motion.next_rate(base, w);
                 let (sum, change) = (rate + motion.rate, rate - motion.rate);
                 for (k, column) in x.plan.theta[placed.theta.clone()].iter().enumerate().filter(|(_, c)| **c < at.parameters) {
                     let held = 0.25 * dt * dt * sway.stiffness.d_theta[k] + 0.5 * dt * sway.damping.d_theta[k];
@@ -420,7 +422,7 @@ impl System {
                 row[n + k] = dt * sweep.v[k] - sweep.a[k];
             }
             let z = at.z() + placed.z.start;
-            row[z] = dt * motion.sway.stiffness.value;
+            row[z] = dt * motion.stiffness;
             row[z + 1] = -motion.inward;
             for (j, p) in base.momentum.iter().enumerate() {
                 let share = p / motion.inertia;

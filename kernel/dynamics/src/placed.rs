@@ -385,7 +385,7 @@ impl System {
     pub(crate) fn gather_bases(&self, rigid: &Workspace, bases: &mut [BaseMotion]) {
         for (place, base) in self.sways.iter().zip(bases) {
             let placed = &self.placements()[place.placement];
-            let Some(sway) = placed.effect.sway(self.theta_of(placed)) else { continue };
+            let Some(sway) = placed.effect.sway_values(self.theta_of(placed)) else { continue };
             let multibody = self.multibody();
             base.momentum.fill(0.0);
             (base.carried, base.reaction) = (0.0, 0.0);
@@ -465,7 +465,7 @@ impl System {
         }
         for (place, base) in self.sways.iter().zip(&ws.bases) {
             let placed = &self.placements()[place.placement];
-            if let Some(sway) = placed.effect.sway(self.theta_of(placed)) {
+            if let Some(sway) = placed.effect.sway_values(self.theta_of(placed)) {
                 sway.swing_on(base.carried, &mut state.z[placed.z.clone()], duration);
             }
         }
@@ -473,19 +473,22 @@ impl System {
 
     pub(crate) fn base_step(&self, place: &SwayPlace, base: &BaseMotion, state: &State, h: f64) -> Option<BaseStep> {
         let placed = &self.placements()[place.placement];
-        let sway = placed.effect.sway(self.theta_of(placed))?;
+        let Sway { direction, mass, damping, stiffness } = placed.effect.sway_values(self.theta_of(placed))?;
         let z = &state.z[placed.z.clone()];
-        let held = 0.25 * h * h * sway.stiffness.value + 0.5 * h * sway.damping.value;
-        let mass = sway.mass.value + base.carried;
+        let held = 0.25 * h * h * stiffness + 0.5 * h * damping;
+        let mass = mass + base.carried;
         let along: f64 = base.momentum.iter().zip(&state.v).map(|(p, v)| p * v).sum();
-        let free = (mass - held) * z[1] + along - h * (sway.stiffness.value * z[0] + base.reaction);
-        Some(BaseStep { sway, inertia: mass + held, inward: mass - held, free, rate: z[1] })
+        let free = (mass - held) * z[1] + along - h * (stiffness * z[0] + base.reaction);
+        Some(BaseStep { direction, stiffness, inertia: mass + held, inward: mass - held, free, rate: z[1] })
     }
 }
 
 /// A base's step: its next rate is `(free - p.w) / inertia`.
 pub(crate) struct BaseStep {
-    pub sway: Sway,
+    /// Unit vector in the world.
+    pub direction: Vector3<f64>,
+    /// N/m.
+    pub stiffness: f64,
     pub inertia: f64,
     /// How `free` grows with the rate.
     pub inward: f64,

@@ -494,7 +494,7 @@ impl System {
             ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
             for (place, base) in self.sways.iter().zip(&ws.bases) {
                 let Some(motion) = self.base_step(place, base, state, dt) else { continue };
-                let acceleration = motion.sway.direction * ((motion.next_rate(base, &solve.w) - motion.rate) / dt);
+                let acceleration = motion.direction * ((motion.next_rate(base, &solve.w) - motion.rate) / dt);
                 place.move_base(&mut ws.rigid, multibody, &acceleration, &Vector3::zeros());
             }
             multibody.sweep_back_on::<true>(&mut ws.rigid, &ws.rhs, &ws.a, ws.wanted.rigid, &mut ws.adjoint);
@@ -550,16 +550,17 @@ impl System {
             let base = &ws.bases[i];
             let Some(motion) = self.base_step(place, base, state, dt) else { continue };
             let placed = &self.placements()[place.placement];
+            let Some(sway) = placed.effect.sway(self.theta_of(placed)) else { continue };
             let along: f64 = base.momentum.iter().zip(&ws.lambda).map(|(p, l)| p * l).sum();
             let mu = (self.rate_bar(place, &ws.next, dt, last) - along) / motion.inertia;
             let rate = motion.next_rate(base, &solve.w);
-            let (sum, change, sway) = (rate + motion.rate, rate - motion.rate, &motion.sway);
+            let (sum, change) = (rate + motion.rate, rate - motion.rate);
             let z = placed.z.start;
             if last {
                 bar.z[z] += ws.next.z[z];
                 bar.z[z + 1] += 0.5 * dt * ws.next.z[z];
             }
-            bar.z[z] -= mu * dt * sway.stiffness.value;
+            bar.z[z] -= mu * dt * motion.stiffness;
             bar.z[z + 1] += along + mu * motion.inward;
             for (k, theta) in ws.theta[placed.theta.clone()].iter_mut().enumerate() {
                 let held = 0.25 * dt * dt * sway.stiffness.d_theta[k] + 0.5 * dt * sway.damping.d_theta[k];
@@ -567,9 +568,9 @@ impl System {
                 *theta -= mu * (change * sway.mass.d_theta[k] + sum * held + by_force);
             }
             // Gravity does not drive the base: it is taken off what it carries.
-            let acceleration = sway.direction * (change / dt) + multibody.gravity;
+            let acceleration = motion.direction * (change / dt) + multibody.gravity;
             ws.rigid.bases.fill([SpatialVector::zeros(); 2]);
-            place.move_base(&mut ws.rigid, multibody, &acceleration, &(sway.direction * (-dt * mu)));
+            place.move_base(&mut ws.rigid, multibody, &acceleration, &(motion.direction * (-dt * mu)));
             ws.spare.fill(0.0);
             let gravity = ws.adjoint.gravity;
             multibody.sweep_back_on::<true>(&mut ws.rigid, &ws.spare, &ws.a, ws.wanted.rigid, &mut ws.adjoint);

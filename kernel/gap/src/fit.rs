@@ -568,9 +568,10 @@ pub(crate) fn sandwich(inverse: &DMatrix<f64>, slopes: &[DVector<f64>], fitted: 
     (0..p).map(|i| inverse[(i, i)].max(together[(i, i)])).collect()
 }
 
-/// Minimises a sum of squares of few numbers that is cheap to have, by the same method: where it ends, and the sum there.
+/// Minimises a sum of squares of few numbers that is cheap to have, by the same method: where it ends, and the sum there. `errors` are those at
+/// each of some points.
 pub(crate) fn minimise(
-    errors: &dyn Fn(&[f64]) -> Change,
+    errors: &dyn Fn(&[Vec<f64>]) -> Vec<Change>,
     fitted: &[Fitted],
     mut x: Vec<f64>,
     scale: f64,
@@ -579,19 +580,20 @@ pub(crate) fn minimise(
     let p = x.len();
     let weight = 1.0 / (scale * scale);
     let prior = |x: &[f64]| fitted.iter().zip(x).map(|(f, x)| 0.5 * ((x - f.prior[0]) / f.prior[1]).powi(2)).sum::<f64>();
-    let mut now = errors(&x);
+    let at = |x: &[f64]| errors(&[x.to_vec()]).swap_remove(0);
+    let mut now = at(&x);
     let first = 0.5 * weight * now.norm_squared() + prior(&x);
     let mut damping = 1e-3;
     for _ in 0..rounds {
-        let columns: Vec<Change> = (0..p)
-            .map(|i| {
-                let room = fitted[i].bounds[1] - x[i] >= fitted[i].difference;
-                let change = if room { fitted[i].difference } else { -fitted[i].difference };
-                let mut moved = x.clone();
-                moved[i] += change;
-                errors(&moved).since(&now, change)
-            })
-            .collect();
+        let changes = fitted.iter().zip(&x).map(|(f, x)| if f.bounds[1] - x >= f.difference { f.difference } else { -f.difference });
+        let changes: Vec<f64> = changes.collect();
+        let beside = |i: usize| {
+            let mut moved = x.clone();
+            moved[i] += changes[i];
+            moved
+        };
+        let columns = errors(&(0..p).map(beside).collect::<Vec<_>>());
+        let columns: Vec<Change> = columns.iter().zip(&changes).map(|(moved, change)| moved.since(&now, *change)).collect();
         let (mut matrix, mut right) = (DMatrix::zeros(p, p), DVector::zeros(p));
         for a in 0..p {
             for b in 0..p {
@@ -606,7 +608,7 @@ pub(crate) fn minimise(
         for _ in 0..5 {
             let step = bounded_step(&matrix, &right, damping, &room(fitted, &x));
             let tried: Vec<f64> = x.iter().zip(step.iter()).map(|(x, d)| x + d).collect();
-            let e = errors(&tried);
+            let e = at(&tried);
             let after = 0.5 * weight * e.norm_squared() + prior(&tried);
             if after < before {
                 (x, now, moved) = (tried, e, true);

@@ -156,7 +156,7 @@ pub(crate) fn nameless(response: &Response, span: &Span, scale: f64, size: f64) 
     let mut best: Option<Best> = None;
     for group in GROUPS {
         let shapes = group.shapes(&places);
-        let columns: Vec<DVector<f64>> = shapes.iter().map(|forces| response.errors_of(forces)).collect();
+        let columns = response.errors_of_each(&shapes);
         if columns.is_empty() {
             continue;
         }

@@ -12,7 +12,6 @@
 //! (MacKay 2003, chapter 28).
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use rayon::prelude::*;
 use sagci_dynamics::residual::{Activation, Normalisation, Residual};
 use sagci_model::JointKind;
 
@@ -265,8 +264,7 @@ impl Search<'_> {
         };
         for step in 0..STEPS {
             let mut columns = known_columns(&jacobian, &begun, &now.fit.hypothesis);
-            let forces = knots.columns(&over.along(&response));
-            columns.extend(forces.par_iter().map(|force| response.errors_of(force)).collect::<Vec<_>>());
+            columns.extend(response.errors_of_each(&knots.columns(&over.along(&response))));
             let normal = Normal::of(&now, &DMatrix::from_columns(&columns), scale);
             let sized = match size {
                 None => normal.likeliest(SIZES.map(|share| share * typical)),

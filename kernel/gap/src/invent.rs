@@ -116,10 +116,10 @@ impl Way<'_> {
         let state = &mut self.motion.state;
         for j in 0..original.joints {
             let [held, white] = noise.accelerations(original, k, j, false);
-            let push = held.hypot(white) * normal() + doubted.get(j).copied().unwrap_or(0.0);
+            let push = (held + white).sqrt() * normal() + doubted.get(j).copied().unwrap_or(0.0);
             state.v[j] += h * push;
             // What is white moves a joint by more than the mean of it does.
-            state.q[j] += h * h * (0.5 * push + white / 12_f64.sqrt() * normal());
+            state.q[j] += h * h * (0.5 * push + (white / 12.0).sqrt() * normal());
         }
         self.inventor.plant.clamp(self.motion);
     }

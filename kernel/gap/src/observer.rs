@@ -128,15 +128,17 @@ impl Noise {
         Self { position: times(&self.position, position), share: times(&self.share, share), ..self.clone() }
     }
 
-    /// Standard deviations of the mean acceleration of joint `j` on the way to row `k`, rad/s^2 or m/s^2: of what efforts are off by, which is held
+    /// Variances of the mean acceleration of joint `j` on the way to row `k`, rad^2/s^4 or m^2/s^4: of what efforts are off by, which is held
     /// until the row as they are, and of what comes and goes. Where all is `strange`, as much as there is.
+    #[inline]
     pub fn accelerations(&self, trajectory: &Trajectory, k: usize, j: usize, strange: bool) -> [f64; 2] {
         let n = trajectory.joints;
         let share = |j: usize| if strange { self.share[j].max(1.0) } else { self.share[j] };
         let doubt = |i: usize| trajectory.doubt.get(k * n + i).copied().unwrap_or(0.0);
-        let pushed = |i: usize| self.mobility[i * n + j] * self.effort[i].hypot(share(i) * trajectory.strain[k * n + i]).hypot(doubt(i));
-        let held = (0..n).map(|i| pushed(i).powi(2)).sum::<f64>().sqrt();
-        [held, share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j])]
+        let square = |x: f64| x * x;
+        let effort = |i: usize| square(self.effort[i]) + square(share(i) * trajectory.strain[k * n + i]) + square(doubt(i));
+        let held = (0..n).map(|i| square(self.mobility[i * n + j]) * effort(i)).sum();
+        [held, square(share(j) * trajectory.liveliness[k * n + j].max(self.quiet[j]))]
     }
 
     /// Are efforts measured beside commands?
@@ -185,13 +187,14 @@ impl Gains {
         for j in 0..n {
             let variance = noise.position[j] * noise.position[j];
             let (mut p, mut start) = ([0.0; 3], 0);
+            let mut starts = trajectory.starts.iter().peekable();
             for k in 0..rows {
-                if trajectory.starts.contains(&k) {
+                if starts.next_if_eq(&&k).is_some() {
                     start = k;
                     p = [FIRST_POSITION * FIRST_POSITION, 0.0, 1.0];
                 } else {
                     let h = trajectory.time[k] - trajectory.time[k - 1];
-                    let [held, white] = noise.accelerations(trajectory, k, j, trajectory.burns_in(start, k)).map(|a| (a * h).powi(2));
+                    let [held, white] = noise.accelerations(trajectory, k, j, trajectory.burns_in(start, k)).map(|a| h * h * a);
                     let ([a, b, c], both) = (p, held + white);
                     p = [a + 2.0 * h * b + h * h * (c + held / 4.0 + white / 3.0), b + h * (c + both / 2.0), c + both];
                 }
@@ -298,8 +301,9 @@ pub(crate) fn run(
     }
     // Efforts as they would be read, by row and joint.
     let mut read = vec![f64::NAN; gains.efforts.len()];
+    let mut starts = trajectory.starts.iter().peekable();
     for k in 0..trajectory.rows() {
-        if trajectory.starts.contains(&k) {
+        if starts.next_if_eq(&&k).is_some() {
             if k > 0 || trajectory.continues {
                 let passed = trajectory.time[k] - motion.state.time;
                 plant.pause(motion, passed.max(0.0));

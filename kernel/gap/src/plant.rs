@@ -134,13 +134,20 @@ fn put(into: &mut [f64], from: &[f64]) {
     }
 }
 
+/// The same for each joint. A loop over one of them would set up more than it does.
+#[inline]
+fn each(into: &mut [f64], a: &[f64], b: &[f64], change: impl Fn(&mut f64, f64, f64)) {
+    match (into, a, b) {
+        ([into], [a], [b]) => change(into, *a, *b),
+        (into, a, b) => into.iter_mut().zip(a.iter().zip(b)).for_each(|(into, (a, b))| change(into, *a, *b)),
+    }
+}
+
 impl Motion {
     /// Steps take positions from the next velocity; over an interval the mean of old and new velocity is right to second order, so the sum
     /// of steps of length `h` is set right by `h / 2 (v_0 - v_n)`.
     fn set_right(&mut self, h: f64) {
-        for ((q, v), old) in self.state.q.iter_mut().zip(&self.state.v).zip(&self.begin.v) {
-            *q -= 0.5 * h * (v - old);
-        }
+        each(&mut self.state.q, &self.state.v, &self.begin.v, |q, v, old| *q -= 0.5 * h * (v - old));
     }
 
     /// Does it move at an end of the piece?
@@ -189,9 +196,7 @@ impl Motion {
 
     /// Keeps the mean accelerations over an interval.
     fn accelerate(&mut self, duration: f64) {
-        for (a, (v, old)) in self.acceleration.iter_mut().zip(self.state.v.iter().zip(&self.entered)) {
-            *a = (v - old) / duration;
-        }
+        each(&mut self.acceleration, &self.state.v, &self.entered, |a, v, old| *a = (v - old) / duration);
     }
 
     /// Efforts of the drives in the last step.
@@ -501,9 +506,7 @@ impl Plant {
     /// One step from where `before` stands, its positions set right.
     fn one(&self, motion: &mut Motion, trajectory: &Trajectory, k: usize, h: f64) -> Result<(), GapError> {
         self.steps(motion, trajectory, k, h, 1)?;
-        for (q, (v, old)) in motion.state.q.iter_mut().zip(motion.state.v.iter().zip(&motion.before.v)) {
-            *q -= 0.5 * h * (v - old);
-        }
+        each(&mut motion.state.q, &motion.state.v, &motion.before.v, |q, v, old| *q -= 0.5 * h * (v - old));
         Ok(())
     }
 

@@ -14,7 +14,6 @@
 //! the filter made of its own corrections: with them a network would learn the filter.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
-use rayon::prelude::*;
 use sagci_dynamics::residual::{Activation, Network, Normalisation, Residual};
 use sagci_model::JointKind;
 
@@ -240,8 +239,7 @@ fn slopes(network: &Network, rows: &[Vec<f64>], free: &[usize], response: &Respo
             force[k] = -bar[*i];
         }
     }
-    let columns: Vec<DVector<f64>> = forces.par_iter().map(|f| response.errors_of(f)).collect();
-    DMatrix::from_columns(&columns)
+    DMatrix::from_columns(&response.errors_of_each(&forces))
 }
 
 /// One residual of several joints' networks, each joint's part deaf to the others.

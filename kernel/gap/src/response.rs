@@ -11,7 +11,8 @@
 //! stiffness of the loop that a drive closes over the position: a servo holds against most of a force that comes slowly.
 
 use nalgebra::DVector;
-use sagci_dynamics::effects::{self, Effect, HISTORY, Instant};
+use rayon::prelude::*;
+use sagci_dynamics::effects::{Along, Before, Effect, Instant};
 
 use crate::fit::Fit;
 use crate::flexible::Place;
@@ -21,6 +22,8 @@ use crate::search::Search;
 
 /// Stiffness by which a loop brings back less than digits show of an offset within a row, 1.
 const NO_LOOP: f64 = 1e-8;
+/// Forces that are followed at once. A row waits for the one before it, and those of several forces wait together.
+const LANES: usize = 4;
 /// Rows away from which a noisy input is taken.
 const NEAR: usize = 3;
 const FAR: usize = 8;
@@ -28,7 +31,7 @@ const FAR: usize = 8;
 /// The rows of a base run, for one joint.
 #[derive(Debug)]
 pub(crate) struct Response {
-    rows: Vec<Row>,
+    rows: Vec<Along>,
     /// Errors of all kinds: behind those of positions, no force says anything of what drives read.
     errors: usize,
     joints: usize,
@@ -43,25 +46,9 @@ pub(crate) struct Response {
     passes: Vec<Passes>,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    q: f64,
-    v: f64,
-    next: f64,
-    h: f64,
-    input: f64,
-    load: f64,
-    time: f64,
-    /// The first row of a stretch; the row that a new trajectory begins with.
-    start: bool,
-    fresh: bool,
-}
-
-impl Row {
-    /// Does dry friction hold the joint over the row?
-    fn holds(&self) -> bool {
-        self.next == 0.0 && self.h > 0.0
-    }
+/// Does dry friction hold the joint over the row?
+fn holds(row: &Along) -> bool {
+    row.at.next == 0.0 && row.at.dt > 0.0
 }
 
 /// What a joint's loop does beside itself: `v' = -stiffness q - rate v`, in 1/s^2 and 1/s.
@@ -125,17 +112,22 @@ impl Response {
                 let i = k * n + joint;
                 let start = trajectory.starts.contains(&k);
                 let last = k + 1 == trajectory.rows() || trajectory.starts.contains(&(k + 1));
-                rows.push(Row {
+                let before = match k {
+                    0 if !trajectory.continues => Before::Nothing,
+                    _ if start => Before::Pause,
+                    _ => Before::Row,
+                };
+                let at = Instant {
                     q: run.q[i],
                     v: run.v[i],
                     next: if last { run.v[i] } else { run.v_predicted[i + n] },
-                    h: if last { 0.0 } else { trajectory.time[k + 1] - trajectory.time[k] },
+                    dt: if last { 0.0 } else { trajectory.time[k + 1] - trajectory.time[k] },
                     input: if last { 0.0 } else { run.tau[i + n] },
                     load: if last { 0.0 } else { run.load[i + n] },
                     time: trajectory.time[k],
-                    start,
-                    fresh: k == 0 && !trajectory.continues,
-                });
+                    z: &[],
+                };
+                rows.push(Along { at, before });
                 inverse.extend_from_slice(&run.inverse[(k * n + joint) * n..(k * n + joint + 1) * n]);
             }
             let certain = |[q, v, deviation]: &[f64; 3]| [*q, *v, if *deviation > 0.0 { 1.0 / deviation } else { 0.0 }];
@@ -148,9 +140,9 @@ impl Response {
             Loop { stiffness: -drive.q / inertia, rate: (model.joints[search.joints[j]].damping - drive.v) / inertia }
         };
         let loops: Vec<Loop> = (0..n).map(closed).collect();
-        let passes = rows.iter().enumerate().flat_map(|(k, row): (usize, &Row)| {
+        let passes = rows.iter().enumerate().flat_map(|(k, row): (usize, &Along)| {
             let (gains, inverse) = (&gains, &inverse);
-            loops.iter().enumerate().map(move |(j, l)| Passes::new(gains[k * n + j], inverse[k * n + j], l.over(row.h)))
+            loops.iter().enumerate().map(move |(j, l)| Passes::new(gains[k * n + j], inverse[k * n + j], l.over(row.at.dt)))
         });
         let passes = passes.collect();
         let noisy = search.problem.disturbance.effort[joint] > 0.0;
@@ -159,57 +151,61 @@ impl Response {
 
     /// The forces of an effect along the base run.
     pub fn forces(&self, effect: &dyn Effect, theta: &[f64]) -> Vec<f64> {
-        let inner = effect.states();
-        let mut z = vec![0.0; inner + if effect.keeps_history() { 2 * HISTORY } else { 0 }];
-        let (mut next, mut forces) = (z.clone(), Vec::with_capacity(self.rows.len()));
-        for (k, row) in self.rows.iter().enumerate() {
-            match k.checked_sub(1).map(|last| &self.rows[last]) {
-                _ if row.fresh => z.fill(0.0),
-                Some(last) if row.start => effects::stand(effect, theta, last.q, (row.time - last.time).max(0.0), &mut z),
-                _ => (),
-            }
-            let at = Instant { q: row.q, v: row.v, next: row.next, dt: row.h, input: row.input, load: row.load, time: row.time, z: &z };
-            forces.push(effect.force(theta, &at).total(row.next));
-            if inner > 0 && row.h > 0.0 {
-                next.copy_from_slice(&z);
-                effect.advance_values(theta, &at, &mut next);
-                std::mem::swap(&mut z, &mut next);
-            }
-        }
-        forces
+        effect.forces(theta, &self.rows)
     }
 
     /// The change of all normalised prediction errors by forces on the joint.
     pub fn errors_of(&self, forces: &[f64]) -> DVector<f64> {
-        let mut errors = Vec::with_capacity(self.errors);
+        let [errors] = self.together([forces]);
+        errors
+    }
+
+    /// The same by each of many.
+    pub fn errors_of_each(&self, forces: &[Vec<f64>]) -> Vec<DVector<f64>> {
+        let together = |some: &[Vec<f64>]| match some {
+            [a, b, c, d] => Vec::from(self.together([a, b, c, d])),
+            [a, b, c] => Vec::from(self.together([a, b, c])),
+            [a, b] => Vec::from(self.together([a, b])),
+            some => some.iter().map(|forces| self.errors_of(forces)).collect(),
+        };
+        forces.par_chunks(LANES).flat_map_iter(together).collect()
+    }
+
+    /// The same by each of some, row by row together.
+    pub fn together<const L: usize>(&self, forces: [&[f64]; L]) -> [DVector<f64>; L] {
+        let mut errors = [(); L].map(|()| DVector::zeros(self.errors));
         match self.joints {
-            1 => self.respond::<1>(forces, &mut [[0.0; 2]], &mut errors),
-            2 => self.respond::<2>(forces, &mut [[0.0; 2]; 2], &mut errors),
-            n => self.respond::<0>(forces, &mut vec![[0.0; 2]; n], &mut errors),
+            1 => self.respond::<1, L>(forces, &mut [[[0.0; L]; 2]], &mut errors),
+            2 => self.respond::<2, L>(forces, &mut [[[0.0; L]; 2]; 2], &mut errors),
+            n => self.respond::<0, L>(forces, &mut vec![[[0.0; L]; 2]; n], &mut errors),
         }
-        errors.resize(self.errors, 0.0);
-        DVector::from_vec(errors)
+        errors
     }
 
     /// The same row by row, of `N` joints, zero where their number is not known before: the screens spend most of their time here.
-    fn respond<const N: usize>(&self, forces: &[f64], offsets: &mut [[f64; 2]], errors: &mut Vec<f64>) {
+    fn respond<const N: usize, const L: usize>(&self, forces: [&[f64]; L], offsets: &mut [[[f64; L]; 2]], errors: &mut [DVector<f64>; L]) {
         let n = if N > 0 { N } else { self.joints };
         let (offsets, joint) = (&mut offsets[..n], self.joint);
-        for (k, ((row, force), passes)) in self.rows.iter().zip(forces).zip(self.passes.chunks_exact(n)).enumerate() {
-            if row.start {
-                offsets.fill([0.0; 2]);
+        let forces = forces.map(|f| &f[..self.rows.len()]);
+        let mut errors = errors.each_mut().map(|e| &mut e.as_mut_slice()[..self.rows.len() * n]);
+        for (k, (row, passes)) in self.rows.iter().zip(self.passes.chunks_exact(n)).enumerate() {
+            if row.before != Before::Row {
+                offsets.fill([[0.0; L]; 2]);
             }
+            let force = forces.map(|f| f[k]);
             let [held, _] = offsets[joint];
-            for (offset, passes) in offsets.iter_mut().zip(passes) {
+            for (j, (offset, passes)) in offsets.iter_mut().zip(passes).enumerate() {
                 let [q, v] = *offset;
-                errors.push(-q * passes.certainty);
-                let next = |[by_q, by_v, by_force]: [f64; 3]| by_q * q + by_v * v + by_force * force;
+                for (errors, q) in errors.iter_mut().zip(q) {
+                    errors[k * n + j] = -q * passes.certainty;
+                }
+                let next = |[by_q, by_v, by_force]: [f64; 3]| std::array::from_fn(|l| by_q * q[l] + by_v * v[l] + by_force * force[l]);
                 *offset = [next(passes.q), next(passes.v)];
             }
             // Dry friction takes the force, too.
-            if row.holds() {
+            if holds(row) {
                 let [gain, ..] = self.gains[k * n + joint];
-                offsets[joint] = [held - gain * held, 0.0];
+                offsets[joint] = [held.map(|held| held - gain * held), [0.0; L]];
             }
         }
     }
@@ -221,16 +217,16 @@ impl Response {
         let mean = |k: usize| {
             let before = k.saturating_sub(FAR)..(k + 1).saturating_sub(NEAR);
             let rows = before.chain(k + NEAR..(k + FAR + 1).min(self.rows.len()));
-            let (sum, count) = rows.fold((0.0, 0.0), |(s, c), i| (s + self.rows[i].input, c + 1.0));
+            let (sum, count) = rows.fold((0.0, 0.0), |(s, c), i| (s + self.rows[i].at.input, c + 1.0));
             sum / f64::max(count, 1.0)
         };
-        let input = |k: usize| if self.noisy { mean(k) } else { self.rows[k].input };
+        let input = |k: usize| if self.noisy { mean(k) } else { self.rows[k].at.input };
         self.rows
             .iter()
             .enumerate()
-            .map(|(k, row)| {
-                run += row.h;
-                since = if row.start || row.v * before < 0.0 { 0.0 } else { since + row.h };
+            .map(|(k, Along { at: row, before: comes_after })| {
+                run += row.dt;
+                since = if *comes_after != Before::Row || row.v * before < 0.0 { 0.0 } else { since + row.dt };
                 before = row.v;
                 Place { q: row.q, v: row.v, input: input(k), time: row.time, run, since }
             })
@@ -239,13 +235,13 @@ impl Response {
 
     /// Share of the rows over which dry friction holds the joint.
     pub fn sticking(&self) -> f64 {
-        let held = self.rows.iter().filter(|r| r.holds()).count();
+        let held = self.rows.iter().filter(|row| holds(row)).count();
         held as f64 / self.rows.len().max(1) as f64
     }
 
     /// Position, velocity and input of each row.
     pub fn along(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
-        self.rows.iter().map(|r| [r.q, r.v, r.input])
+        self.rows.iter().map(|Along { at, .. }| [at.q, at.v, at.input])
     }
 
     /// Force that the model lacks in each row, by the correction that the filter made.
@@ -253,7 +249,7 @@ impl Response {
         let (n, j) = (self.joints, self.joint);
         let force = |k: usize| {
             let [_, gain, certainty] = self.gains[k * n + j];
-            let (h, inverse) = (self.rows[k].h, self.inverse[k * n + j]);
+            let (h, inverse) = (self.rows[k].at.dt, self.inverse[k * n + j]);
             if h > 0.0 && inverse > 0.0 && certainty > 0.0 { -gain * errors[k * n + j] / (certainty * h * inverse) } else { 0.0 }
         };
         (0..self.rows.len()).map(force).collect()

@@ -68,8 +68,14 @@ impl Try {
     }
 }
 
-/// A start that was looked at: what came of it, its values, and how one run with it changes the errors.
-type Begun = (Screened, Option<(Vec<f64>, Change)>);
+/// A start that was looked at, and what came of it.
+struct Begun {
+    screened: Screened,
+    /// Its fit begins elsewhere, and what that holds is not known: so many of its numbers were fitted.
+    unasked: Option<usize>,
+    /// Its values, and how one run with it changes the errors, where starts add up.
+    run: Option<(Vec<f64>, Change)>,
+}
 
 /// An effect at a place after the screens.
 #[derive(Clone)]
@@ -81,7 +87,7 @@ pub(crate) struct Screened {
     pub hypothesis: Hypothesis,
     /// Roughly the logarithm of its evidence over that of the base model.
     pub worth: f64,
-    /// The same where a fit of it begins, if one run along its own direction has said how far it may come.
+    /// The same where a fit of it begins, if one run along its own direction has said how far it may come; it is asked of the best start alone.
     pub held: f64,
     /// It is a force on its joint, and has few numbers.
     pub plain: bool,
@@ -104,19 +110,21 @@ impl Search<'_> {
             if !t.linear && !t.joint.is_none_or(|j| pushed[j]) {
                 return None;
             }
-            let (x, worth, held, change) = if t.linear {
+            let (x, worth, held, unasked, change) = if t.linear {
                 let (x, gain) = self.by_response(base, response, &span, &t, scale, ROUNDS);
                 let worth = worth(t.hypothesis.x.len() - base.hypothesis.x.len(), gain);
-                (x, worth, worth, None)
+                (x, worth, worth, None, None)
             } else {
-                let Begin { x, promised, held, change } = by_run(&rough, &rough_base, &span, base, &t)?;
+                let Begin { x, promised, change } = by_run(&rough, &rough_base, &span, base, &t)?;
+                let unasked = (x != t.hypothesis.x).then_some(t.numbers);
+                let held = if unasked.is_some() { promised } else { fall(&change, &span, 1.0) };
                 let change = starts::sum(t.effect.description().name, &[(1.0, &t.values)]).map(|_| change);
-                (x, worth(t.numbers, promised), worth(t.numbers, held), change)
+                (x, worth(t.numbers, promised), worth(t.numbers, held), unasked, change)
             };
             let hypothesis = Hypothesis { x, ..t.hypothesis };
             let (effect, joint, linear) = (t.effect.description().name, t.joint, t.linear);
-            let plain = t.plain;
-            worth.is_finite().then_some((Screened { linear, effect, joint, hypothesis, worth, held, plain }, change.map(|c| (t.values, c))))
+            let screened = Screened { linear, effect, joint, hypothesis, worth, held, plain: t.plain };
+            worth.is_finite().then_some(Begun { screened, unasked, run: change.map(|c| (t.values, c)) })
         };
         let mut tries = self.tries(base, views);
         tries.retain(|t| t.hypothesis.x.len() - base.hypothesis.x.len() <= most);
@@ -127,22 +135,26 @@ impl Search<'_> {
         let tries = self.hopeful(base, tries, &responses, &span, scale);
         let begun: Vec<_> = tries.into_par_iter().filter_map(&screened).collect();
         let sums = self.sums(base, &begun, &span, scale);
-        let begun = begun.into_iter().chain(sums.into_par_iter().filter_map(&screened).collect::<Vec<_>>()).map(|(screened, _)| screened);
-        // What was fitted in the linear response has one best start; of those that were run the second may lead further.
-        let mut best: BTreeMap<(&str, Option<usize>), Vec<Screened>> = BTreeMap::new();
+        let begun = begun.into_iter().chain(sums.into_par_iter().filter_map(&screened).collect::<Vec<_>>());
+        let mut best: BTreeMap<(&str, Option<usize>), Vec<Begun>> = BTreeMap::new();
         for candidate in begun {
-            best.entry((candidate.effect, candidate.joint)).or_default().push(candidate);
+            best.entry((candidate.screened.effect, candidate.screened.joint)).or_default().push(candidate);
         }
-        let mut ranked: Vec<Vec<Screened>> = best.into_values().collect();
-        for starts in &mut ranked {
-            starts.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+        let kept = |mut starts: Vec<Begun>| -> Vec<Screened> {
+            starts.sort_by(|a, b| b.screened.worth.total_cmp(&a.screened.worth));
+            if let Some(Begun { screened, unasked: Some(numbers), .. }) = starts.first_mut() {
+                screened.held = worth(*numbers, held(&rough, &rough_base, &span, &screened.hypothesis));
+            }
+            // What was fitted in the linear response has one best start; of those that were run the second may lead further.
             let mut kept = [0, 0];
-            starts.retain(|s| {
+            starts.retain(|Begun { screened: s, .. }| {
                 let kept = &mut kept[usize::from(s.linear)];
                 *kept += 1;
                 *kept <= if s.linear { 1 } else { STARTS }
             });
-        }
+            starts.into_iter().map(|begun| begun.screened).collect()
+        };
+        let ranked: Vec<Vec<Screened>> = best.into_values().collect::<Vec<_>>().into_par_iter().map(kept).collect();
         Ok(worth_a_fit(ranked).into_iter().flatten().collect())
     }
 
@@ -174,7 +186,7 @@ impl Search<'_> {
                     continue;
                 }
                 let JointView { range, .. } = views[at];
-                let stirred = |values: &Vec<f64>| effect.sway(values).is_none_or(|sway| stirs(&momenta, &sway.direction));
+                let stirred = |values: &Vec<f64>| effect.sway_values(values).is_none_or(|sway| stirs(&momenta, &sway.direction));
                 for values in starts(description.name, &views[at]).into_iter().filter(stirred) {
                     let Ok(hypothesis) = base.hypothesis.with(description.name, named, &values) else { continue };
                     let hypothesis = hypothesis.confined(base.hypothesis.x.len(), range, views[at].way());
@@ -197,7 +209,7 @@ impl Search<'_> {
     fn sums(&self, base: &Fit, begun: &[Begun], span: &Span, scale: f64) -> Vec<Try> {
         type Part<'a> = (&'a Screened, &'a Vec<f64>, &'a Change);
         let mut groups: BTreeMap<(&str, Option<usize>, bool), Vec<Part<'_>>> = BTreeMap::new();
-        for (screened, run) in begun {
+        for Begun { screened, run, .. } in begun {
             if let Some((values, change)) = run {
                 let second = effects::find(screened.effect).is_ok_and(|e| e.description().second_word(values));
                 groups.entry((screened.effect, screened.joint, second)).or_default().push((screened, values, change));
@@ -298,12 +310,16 @@ impl Search<'_> {
         let place = |name: &str| parameters.iter().position(|p| p.name == name);
         let places: Vec<(usize, Option<usize>)> =
             fitted.iter().filter_map(|f| f.knob.parameter()).filter_map(|(name, of)| Some((place(name)?, of.and_then(place)))).collect();
-        let errors = |x: &[f64]| {
+        let forces = |x: &Vec<f64>| {
             let mut theta = t.values.clone();
             for ((&(place, of), f), x) in places.iter().zip(fitted).zip(x) {
                 theta[place] = f.value(*x) * of.map_or(1.0, |of| theta[of]);
             }
-            span.errors.plus(&span.of(response.errors_of(&response.forces(t.effect, &theta))))
+            response.forces(t.effect, &theta)
+        };
+        let errors = |points: &[Vec<f64>]| {
+            let changes = response.errors_of_each(&points.iter().map(forces).collect::<Vec<_>>());
+            changes.into_iter().map(|change| span.errors.plus(&span.of(change))).collect()
         };
         let x = t.hypothesis.x[first..].to_vec();
         let (x, squares) = crate::fit::minimise(&errors, fitted, x, scale, rounds);
@@ -359,18 +375,15 @@ fn stirs(momenta: &[Vector3<f64>], direction: &Vector3<f64>) -> bool {
 /// Where a fit begins, after one run of the simulator.
 struct Begin {
     x: Vec<f64>,
-    /// Falls of the sum of squares: along the change that the effect makes in that run, and where the fit begins.
+    /// Fall of the sum of squares along the change that the effect makes in that run.
     promised: f64,
-    held: f64,
     change: Change,
 }
 
-/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps, and one where its fit
-/// begins, if that is elsewhere.
+/// One run of the simulator with the effect where it starts, beside the `errors` of the base model by the same steps.
 fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit, t: &Try) -> Option<Begin> {
     let hypothesis = &t.hypothesis;
-    let change_at = |x: &[f64]| Some(span.of(problem.errors(hypothesis, x).ok()? - errors));
-    let change = change_at(&hypothesis.x)?;
+    let change = span.of(problem.errors(hypothesis, &hypothesis.x).ok()? - errors);
     let (share, promised) = along(&change, span, reach(base, hypothesis));
     let mut x = hypothesis.x.clone();
     // A number that begins near zero begins where the data want it, and so does one that is alone, unless more of it is less.
@@ -382,9 +395,13 @@ fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit,
     {
         *alone = (*alone + share.max(LEAST).ln()).max(hypothesis.fitted[base.hypothesis.x.len()].bounds[0]);
     }
-    let there = if x == hypothesis.x { Some(change.clone()) } else { change_at(&x) };
-    let held = there.map_or(f64::NEG_INFINITY, |there| fall(&there, span, 1.0));
-    promised.is_finite().then_some(Begin { x, promised, held, change })
+    promised.is_finite().then_some(Begin { x, promised, change })
+}
+
+/// By how much the sum of squares falls where a hypothesis stands, beside the `errors` of the base model by the same steps.
+fn held(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, hypothesis: &Hypothesis) -> f64 {
+    let there = problem.errors(hypothesis, &hypothesis.x);
+    there.map_or(f64::NEG_INFINITY, |there| fall(&span.of(there - errors), span, 1.0))
 }
 
 /// The first of an effect's numbers that is not zero, if its force is linear in that one.
@@ -481,8 +498,8 @@ mod tests {
         assert!(kept.contains(&"torque_bias") && !kept.contains(&"hard_stop"), "{kept:?}");
     }
 
-    /// Where a fit of one effect begins, on a door with another that is hidden.
-    fn begun(hidden: (&str, &[(&str, f64)]), effect: &'static str, values: &[f64]) -> (Begin, f64) {
+    /// What one run promises of an effect, on a door with another that is hidden, what comes of it where a fit begins, and with which number.
+    fn begun(hidden: (&str, &[(&str, f64)]), effect: &'static str, values: &[f64]) -> [f64; 3] {
         let mut log = swing(&with(&door(), hidden.0, hidden.1), 1e-4, 1);
         log.joints[0].command = log.joints[0].effort.clone().map(|sent| (sagci_recording::CommandKind::Effort, sent));
         let logs = [Trajectory::new(&log, &door()).unwrap()];
@@ -493,30 +510,31 @@ mod tests {
         let t = Try { effect, joint: Some(0), values: values.to_vec(), hypothesis, linear: false, plain: false, numbers: 1 };
         let rough = search.problem.roughly();
         let errors = rough.errors(&base.hypothesis, &base.hypothesis.x).unwrap();
-        let begin = by_run(&rough, &errors, &Span::new(&base, 1.0), &base, &t).unwrap();
-        let first = begin.x.last().unwrap().exp();
-        (begin, first)
+        let span = Span::new(&base, 1.0);
+        let Begin { x, promised, .. } = by_run(&rough, &errors, &span, &base, &t).unwrap();
+        let first = x.last().unwrap().exp();
+        [promised, held(&rough, &errors, &span, &Hypothesis { x, ..t.hypothesis }), first]
     }
 
     /// A mode near a link's frequency: with three times the rotor's inertia that there is a fit is lost.
     #[test]
     fn a_number_alone_begins_as_large_as_one_run_says_that_it_is() {
-        let (begin, first) = begun(("armature_inertia", &[("inertia", 0.002)]), "armature_inertia", &[0.02]);
-        assert!((0.001..0.004).contains(&first) && begin.held > 0.5 * begin.promised, "{first}");
+        let [promised, held, first] = begun(("armature_inertia", &[("inertia", 0.002)]), "armature_inertia", &[0.02]);
+        assert!((0.001..0.004).contains(&first) && held > 0.5 * promised, "{first}");
     }
 
     /// A drive that clips less than the first start says does so at a higher limit.
     #[test]
     fn a_limit_is_not_lowered_because_less_of_it_shows() {
-        let (_, first) = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
+        let [_, _, first] = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
         assert!(first >= 0.1 - 1e-9, "{first}");
     }
 
     /// A small part of what a low limit changes looks like anything.
     #[test]
     fn what_does_not_come_of_a_promise_is_told_from_it() {
-        let (begin, _) = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
-        assert!(begin.promised > 0.0 && begin.held < 0.0, "{} {}", begin.promised, begin.held);
+        let [promised, held, _] = begun(("actuator_saturation", &[("limit", 0.5)]), "actuator_saturation", &[0.1]);
+        assert!(promised > 0.0 && held < 0.0, "{promised} {held}");
     }
 
     #[test]

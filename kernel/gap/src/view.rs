@@ -101,8 +101,8 @@ fn cycles(response: &Response, span: &Span, [low, high]: [f64; 2]) -> Vec<f64> {
         return Vec::new();
     }
     let explained = |cycles: f64| {
-        let of = |phase: f64| span.of(response.errors_of(&response.forces(ripple, &[1.0, cycles, phase])));
-        let (sine, cosine) = (of(0.0), of(FRAC_PI_2));
+        let [sine, cosine] = [0.0, FRAC_PI_2].map(|phase| response.forces(ripple, &[1.0, cycles, phase]));
+        let [sine, cosine] = response.together([&sine, &cosine]).map(|errors| span.of(errors));
         let (a, b, c) = (sine.norm_squared(), sine.dot(&cosine), cosine.norm_squared());
         let (x, y) = (sine.dot(&span.errors), cosine.dot(&span.errors));
         let determinant = a * c - b * b;

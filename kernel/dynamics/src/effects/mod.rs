@@ -79,7 +79,11 @@ pub trait Effect: std::fmt::Debug + Sync {
     /// The same without derivatives but the slope.
     fn force(&self, theta: &[f64], at: &Instant<'_>) -> Force;
 
-    /// The same times a factor, added to its joint's row of a step's problem. A step asks many times, so nothing is copied on the way.
+    /// The whole force in each row of a motion, at its next velocity. Screens ask for many rows at once, so nobody asks in each of them which effect
+    /// it is.
+    fn forces(&self, theta: &[f64], motion: &[Along]) -> Vec<f64>;
+
+    /// [`Self::force`] times a factor, added to its joint's row of a step's problem. A step asks many times, so nothing is copied on the way.
     fn add_force(&self, theta: &[f64], at: &Instant<'_>, factor: f64, row: &mut Row<'_>);
 
     /// Number of inner states, such as the bristle of a presliding model or a pressure; at most [`MAX_STATES`]. They start at
@@ -114,6 +118,9 @@ pub trait Effect: std::fmt::Debug + Sync {
 
     /// How the base of its part gives way.
     fn sway(&self, theta: &[f64]) -> Option<Sway>;
+
+    /// The same without derivatives, for a step.
+    fn sway_values(&self, theta: &[f64]) -> Option<Sway<f64>>;
 }
 
 /// Lets time, s, pass for what is inside an effect on a joint that stands at a position, rad or m. What a motor does apart from its link stays.
@@ -164,7 +171,7 @@ trait Law: std::fmt::Debug + Sync {
         Partial::constant(1.0)
     }
 
-    fn sway(&self, theta: &[f64]) -> Option<Sway> {
+    fn sway<N: Number>(&self, theta: &[f64]) -> Option<Sway<N>> {
         let _ = theta;
         None
     }
@@ -189,6 +196,33 @@ impl<L: Law> Effect for L {
         let mut out = Resistance::<Slope>::default();
         Law::resist(self, theta, at, &mut out);
         Force::from(&out)
+    }
+
+    fn forces(&self, theta: &[f64], motion: &[Along]) -> Vec<f64> {
+        let whole = |at: &Instant<'_>| Effect::force(self, theta, at).total(at.next);
+        let inner = Law::states(self);
+        if inner == 0 {
+            return motion.iter().map(|row| whole(&row.at)).collect();
+        }
+        let mut z = vec![0.0; inner + if Law::keeps_history(self) { 2 * HISTORY } else { 0 }];
+        let (mut next, mut forces) = (z.clone(), Vec::with_capacity(motion.len()));
+        let mut last: Option<&Instant<'_>> = None;
+        for Along { at: row, before } in motion {
+            match (before, last) {
+                (Before::Nothing, _) => z.fill(0.0),
+                (Before::Pause, Some(last)) => stand(self, theta, last.q, (row.time - last.time).max(0.0), &mut z),
+                _ => (),
+            }
+            let at = Instant { z: &z, ..*row };
+            forces.push(whole(&at));
+            if row.dt > 0.0 {
+                next.copy_from_slice(&z);
+                Effect::advance_values(self, theta, &at, &mut next);
+                std::mem::swap(&mut z, &mut next);
+            }
+            last = Some(row);
+        }
+        forces
     }
 
     fn add_force(&self, theta: &[f64], at: &Instant<'_>, factor: f64, row: &mut Row<'_>) {
@@ -244,6 +278,10 @@ impl<L: Law> Effect for L {
     }
 
     fn sway(&self, theta: &[f64]) -> Option<Sway> {
+        Law::sway(self, theta)
+    }
+
+    fn sway_values(&self, theta: &[f64]) -> Option<Sway<f64>> {
         Law::sway(self, theta)
     }
 }

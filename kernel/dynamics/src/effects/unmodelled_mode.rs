@@ -8,7 +8,7 @@
 
 use nalgebra::Vector3;
 
-use super::{ABOVE_ZERO, Acts, Description, Law, Parameter, Partial, Prior, Sway, around, unit};
+use super::{ABOVE_ZERO, Acts, Description, Law, Number, Parameter, Prior, Sway, around, parameters, unit};
 
 /// With more of it nothing swings: it is a loss, and has another name.
 const SWINGS: [f64; 2] = [0.0, 1.0];
@@ -47,8 +47,8 @@ impl Law for UnmodelledMode {
         2
     }
 
-    fn sway(&self, theta: &[f64]) -> Option<Sway> {
-        let [frequency, ratio, mass, ..] = Partial::parameters(theta);
+    fn sway<N: Number>(&self, theta: &[f64]) -> Option<Sway<N>> {
+        let [frequency, ratio, mass, ..] = parameters::<N>(theta);
         let pace = frequency * std::f64::consts::TAU;
         let direction = match theta[3] {
             d if d > 1.5 => Vector3::z(),

@@ -51,6 +51,8 @@ impl Activation {
                 let t = z.tanh();
                 (t, 1.0 - t * t)
             }
+            // Sums of one keep no digit of what is left there.
+            Self::Silu if z.abs() > SATURATED => (z.max(0.0), if z > 0.0 { 1.0 } else { 0.0 }),
             Self::Silu => {
                 let s = 1.0 / (1.0 + (-z).exp());
                 (z * s, s * (1.0 + z * (1.0 - s)))
@@ -58,6 +60,9 @@ impl Activation {
         }
     }
 }
+
+/// Beyond it a sigmoid is zero or one: `e^-40` is less than a tenth of a double's last digit.
+const SATURATED: f64 = 40.0;
 
 /// A multilayer perceptron with its normalisation.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,8 @@
 
 use rand::RngExt;
 use sagci_dynamics::effects::{
-    Advance, Effect, Force, HISTORY, Instant, MAX_STATES, Partial, Reading, Reshape, Resistance, Transfer, catalogue,
+    Acts, Advance, Along, Before, Effect, Force, HISTORY, Instant, MAX_STATES, Partial, Reading, Reshape, Resistance, Transfer, catalogue,
+    stand,
 };
 
 use crate::common::random;
@@ -233,6 +234,8 @@ fn values_alone_are_to_the_last_bit_those_with_derivatives() {
             assert!((total - whole).abs() <= 1e-12 * (1.0 + whole.abs()) || resistance.stops != [None; 2], "{total} {whole}");
             effect.command(&theta, &at, &mut transfer);
             assert!(same(effect.command_value(&theta, &at), transfer.output.value), "{} at {at:?}", description.name);
+            let (values, sway) = (effect.sway_values(&theta), effect.sway(&theta));
+            assert_eq!(values.map(|s| [s.mass, s.damping, s.stiffness]), sway.map(|s| [s.mass, s.damping, s.stiffness].map(|p| p.value)));
             // Inner states do not move at an instant.
             if dt == 0.0 {
                 continue;
@@ -248,6 +251,47 @@ fn values_alone_are_to_the_last_bit_those_with_derivatives() {
                     _ => at.z[i],
                 };
                 assert!(same(*z, expected), "{} at {at:?} with {theta:?}: {z} {expected}", description.name);
+            }
+        }
+    }
+}
+
+/// A screen asks for all rows at once, a step for one: what is inside has to go from row to row, stay over a pause and begin anew.
+#[test]
+fn forces_along_a_motion_are_those_of_its_steps() {
+    for effect in catalogue().iter().filter(|e| e.description().acts == Acts::Joint) {
+        let mut rng = random(36);
+        for _ in 0..50 {
+            let theta = draw_all(*effect, 0, &mut rng);
+            let (mut q, mut v, mut time) = (0.0, 0.3, 0.0);
+            let mut row = |k: usize| {
+                let before = [Before::Row, Before::Nothing, Before::Pause][if k % 20 == 0 { 1 + k / 20 % 2 } else { 0 }];
+                if before != Before::Row {
+                    (q, v, time) = (rng.random_range(-1.0..1.0), 0.3, time + 0.1);
+                }
+                let next = v + 0.05 * rng.random_range(-1.0..1.0);
+                let dt = if k % 20 == 19 { 0.0 } else { 5e-3 };
+                let at = Instant { q, v, next, dt, input: 0.4, load: -0.2, time, z: &[] };
+                (q, v, time) = (q + dt * next, next, time + dt);
+                Along { at, before }
+            };
+            let motion: Vec<Along> = (0..100).map(&mut row).collect();
+            let mut z = vec![0.0; effect.states()];
+            let mut last = motion[0].at;
+            for (k, force) in effect.forces(&theta, &motion).into_iter().enumerate() {
+                let Along { at: row, before } = motion[k];
+                match before {
+                    Before::Row => (),
+                    Before::Nothing => z.fill(0.0),
+                    Before::Pause => stand(*effect, &theta, last.q, row.time - last.time, &mut z),
+                }
+                let at = Instant { z: &z, ..row };
+                assert_eq!(force, effect.force(&theta, &at).total(at.next), "{} in row {k}", effect.description().name);
+                let mut after = z.clone();
+                if row.dt > 0.0 {
+                    effect.advance_values(&theta, &at, &mut after);
+                }
+                (z, last) = (after, row);
             }
         }
     }

@@ -337,23 +337,23 @@ impl Reshape {
 
 /// A base that gives way along one direction: mass on a spring and a damper, beside the mass of the part that it carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sway {
+pub struct Sway<N = Partial> {
     /// Unit vector in the world.
     pub direction: Vector3<f64>,
     /// Mass of the base, kg.
-    pub mass: Partial,
+    pub mass: N,
     /// N s/m.
-    pub damping: Partial,
+    pub damping: N,
     /// N/m.
-    pub stiffness: Partial,
+    pub stiffness: N,
 }
 
-impl Sway {
+impl Sway<f64> {
     /// Lets a base swing on alone for some time, s, with kilograms on it that stand. `z` are its displacement, m, and rate. It is the way of a free
     /// oscillation, `s'' + 2 a s' + (a^2 + w^2) s = 0`, at once (Inman 2014, section 1.3); critical damping is the most that one has.
     pub(crate) fn swing_on(&self, carried: f64, z: &mut [f64], duration: f64) {
-        let mass = self.mass.value + carried;
-        let (a, square) = (0.5 * self.damping.value / mass, self.stiffness.value / mass);
+        let mass = self.mass + carried;
+        let (a, square) = (0.5 * self.damping / mass, self.stiffness / mass);
         let w = (square - a * a).max(0.0).sqrt();
         let (sine, cosine) = (w * duration).sin_cos();
         let (sine, left) = (if w > 0.0 { sine / w } else { duration }, (-a * duration).exp());

@@ -45,7 +45,7 @@ impl Partial {
 
 /// Parameters as numbers; those that an effect does not have are no variables.
 #[inline]
-pub(super) fn parameters<N: Number>(theta: &[f64]) -> [N; MAX_PARAMETERS] {
+pub(in crate::effects) fn parameters<N: Number>(theta: &[f64]) -> [N; MAX_PARAMETERS] {
     std::array::from_fn(|i| theta.get(i).map_or_else(N::default, |value| N::variable(*value, Variable::Theta(i))))
 }
 
