@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{DMatrix, DVector, Unit, Vector3, Vector6};
 use sagci_dynamics::effects::{self, Acts};
 use sagci_dynamics::residual::Residual;
-use sagci_dynamics::{DynamicsError, ExternalWrench, Held, Input, Part, State, StepWorkspace, System};
+use sagci_dynamics::{Coriolis, DynamicsError, ExternalWrench, Held, Input, Part, State, StepWorkspace, System};
 use sagci_model::{ActuatorLaw, EffectEntry, JointKind, ObjectModel};
 use sagci_recording::CommandKind;
 
@@ -286,7 +286,9 @@ impl Plant {
         let clocks = moving.iter().map(own).collect();
         let on_its_way = |e: &EffectEntry| if e.effect == "transport_delay" { e.parameters.get("delay").copied() } else { None };
         let late = model.document.effects.iter().filter_map(on_its_way).chain(skew).collect();
-        let system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
+        let mut system = System::new(&[Part::welded(&open, nalgebra::Isometry3::identity())])?;
+        // Two ways over a piece tell what a step's first order leaves over, Coriolis forces at its start included.
+        system.set_coriolis(Coriolis::AtStart);
         let mut this = Self {
             system,
             laws,
