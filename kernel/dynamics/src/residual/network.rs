@@ -286,3 +286,21 @@ pub(super) fn weights_of(sizes: &[usize]) -> Result<usize, DynamicsError> {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Activation, SATURATED};
+
+    /// A curve of many bends is mostly far from each of them: where they are not reckoned no force may jump.
+    #[test]
+    fn a_bend_far_away_is_the_same_to_a_digit() {
+        for z in [1.0, 1.5, 10.0].iter().flat_map(|times| [-1.0, 1.0].map(|side| side * times * SATURATED * (1.0 + 1e-9))) {
+            let sigmoid = 1.0 / (1.0 + (-z).exp());
+            let (value, slope) = Activation::Silu.at(z);
+            assert!(
+                (value - z * sigmoid).abs() < f64::EPSILON && (slope - sigmoid * (1.0 + z * (1.0 - sigmoid))).abs() < f64::EPSILON,
+                "{z}"
+            );
+        }
+    }
+}
