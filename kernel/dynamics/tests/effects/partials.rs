@@ -265,7 +265,7 @@ fn forces_along_a_motion_are_those_of_its_steps() {
             let theta = draw_all(*effect, 0, &mut rng);
             let (mut q, mut v, mut time) = (0.0, 0.3, 0.0);
             let mut row = |k: usize| {
-                let before = [Before::Row, Before::Nothing, Before::Pause][if k % 20 == 0 { 1 + k / 20 % 2 } else { 0 }];
+                let before = [Before::Row, Before::Nothing, Before::Pause][if k.is_multiple_of(20) { 1 + k / 20 % 2 } else { 0 }];
                 if before != Before::Row {
                     (q, v, time) = (rng.random_range(-1.0..1.0), 0.3, time + 0.1);
                 }
