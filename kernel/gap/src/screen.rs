@@ -143,7 +143,7 @@ impl Search<'_> {
         let kept = |mut starts: Vec<Begun>| -> Vec<Screened> {
             starts.sort_by(|a, b| b.screened.worth.total_cmp(&a.screened.worth));
             if let Some(Begun { screened, unasked: Some(numbers), .. }) = starts.first_mut() {
-                screened.held = worth(*numbers, held(&rough, &rough_base, &span, &screened.hypothesis));
+                screened.held = worth(*numbers, fall_at(&rough, &rough_base, &span, &screened.hypothesis));
             }
             // What was fitted in the linear response has one best start; of those that were run the second may lead further.
             let mut kept = [0, 0];
@@ -399,7 +399,7 @@ fn by_run(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, base: &Fit,
 }
 
 /// By how much the sum of squares falls where a hypothesis stands, beside the `errors` of the base model by the same steps.
-fn held(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, hypothesis: &Hypothesis) -> f64 {
+fn fall_at(problem: &Problem<'_>, errors: &DVector<f64>, span: &Span, hypothesis: &Hypothesis) -> f64 {
     let there = problem.errors(hypothesis, &hypothesis.x);
     there.map_or(f64::NEG_INFINITY, |there| fall(&span.of(there - errors), span, 1.0))
 }
@@ -513,7 +513,7 @@ mod tests {
         let span = Span::new(&base, 1.0);
         let Begin { x, promised, .. } = by_run(&rough, &errors, &span, &base, &t).unwrap();
         let first = x.last().unwrap().exp();
-        [promised, held(&rough, &errors, &span, &Hypothesis { x, ..t.hypothesis }), first]
+        [promised, fall_at(&rough, &errors, &span, &Hypothesis { x, ..t.hypothesis }), first]
     }
 
     /// A mode near a link's frequency: with three times the rotor's inertia that there is a fit is lost.
