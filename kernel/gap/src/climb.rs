@@ -9,7 +9,7 @@ use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::gaps::Measure;
 use crate::search::{Candidate, Search};
-use crate::weigh::{CONVINCING, FALL, MATERIAL};
+use crate::weigh::{ALL_BUT_CLOSED, CONVINCING, FALL, MATERIAL, MOST_OF_IT};
 
 /// Most effects that are looked for at once.
 pub(crate) const MOST: usize = 4;
@@ -25,10 +25,6 @@ const NEARLY: f64 = 0.8;
 
 /// Share of what the names before it make that a second one needs, if it is small: by as much the shape of a name may be off.
 const TENTH: f64 = 0.1;
-/// Share of the gap that names leave, below which what little another makes is no second name, unless it leaves but such a share
-/// of that in the usual window.
-const ALL_BUT_CLOSED: f64 = 0.05;
-const MOST_OF_IT: f64 = 0.35;
 
 /// What is asked, and who hears of it.
 pub(crate) struct Ascent<'a> {
@@ -207,7 +203,7 @@ impl<'a> Climb<'a> {
         let here = search.evidence(current, scale);
         let likeliest = candidates.clone();
         call_by_plain_name(&mut candidates);
-        search.prefer_simpler(model, &mut candidates, here, window)?;
+        search.prefer_simpler(model, (current, here), &mut candidates, window)?;
         search.prefer_two(model, current, &mut candidates, scale, window)?;
         let Some(best) = candidates.first() else { return Ok(false) };
         say(&format!("  most likely: {}", best_three(&candidates, here)));

@@ -119,6 +119,9 @@ pub fn find(model: &ObjectModel, train: &[Log], held_out: &[Log], options: &Opti
     if let Err(error) = settled.heed_unseen() {
         notes.push(format!("data that nothing was fitted to were not asked of every name: {error}"));
     }
+    if let Err(error) = settled.drop_shapes() {
+        notes.push(format!("names beside one that leaves little were not asked whether they bend to that: {error}"));
+    }
     let Numbers { told, of_windows } = settled.numbers(&own, adds_up, options.seed, &mut notes);
 
     let mut remainder = search.nameless(&settled.current, settled.scale)?;

@@ -137,7 +137,7 @@ impl Climb<'_> {
             search.settle_rivals(&mut candidates, name, without, scale);
         }
         search.rank(&mut candidates, scale);
-        search.prefer_simpler(model, &mut candidates, without, window)?;
+        search.prefer_simpler(model, (&less, without), &mut candidates, window)?;
         // What is settled gives way by the same rules by which it was chosen.
         if candidates.first().is_some_and(|c| c.effect != name) {
             search.prefer_two(model, &less, &mut candidates, scale, window)?;

@@ -38,6 +38,10 @@ const NEARLY: f64 = 0.95;
 pub(crate) const MATERIAL: f64 = FLOOR;
 const TRIFLE: f64 = 0.1 * FLOOR;
 pub(crate) const FALL: f64 = 0.7;
+/// Share of the gap that names leave, below which they have all but closed it: their shapes are off by as much. What another takes of that is no
+/// ground to name it, unless it leaves but such a share.
+pub(crate) const ALL_BUT_CLOSED: f64 = 0.05;
+pub(crate) const MOST_OF_IT: f64 = 0.35;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
@@ -63,6 +67,11 @@ const MOST_NOISE: f64 = 8.0;
 const COMPARED: f64 = 1.0;
 /// Steps that are not halved any more, s.
 const SHORTEST: f64 = 5e-4;
+
+/// Is the gap that a richer name leaves a ground to name it, and not the plainer one? `without` is the gap without either.
+fn adds_up(rich: f64, plain: f64, without: impl FnOnce() -> f64) -> bool {
+    rich < FALL * plain && (rich < MOST_OF_IT * plain || plain > ALL_BUT_CLOSED * without())
+}
 
 impl<'a> Search<'a> {
     /// Fits anew from where a fit stands.
@@ -196,14 +205,21 @@ impl<'a> Search<'a> {
 
     /// Puts an effect of fewer numbers first, where it makes the same force as the first one but for less than any model is off by and that does
     /// not add up to much of the gap, or predicts whole windows no worse or most of them much better, or where that one is not convincing beside it:
-    /// what is left between them is no ground to name the richer one. `here` is the evidence without any.
-    pub fn prefer_simpler(&self, model: &ObjectModel, candidates: &mut [Candidate], here: f64, window: f64) -> Result<(), GapError> {
+    /// what is left between them is no ground to name the richer one. `current` is the fit without any, and `here` its evidence.
+    pub fn prefer_simpler(
+        &self,
+        model: &ObjectModel,
+        (current, here): (&Fit, f64),
+        candidates: &mut [Candidate],
+        window: f64,
+    ) -> Result<(), GapError> {
         let Some(best) = candidates.first() else { return Ok(()) };
         // An encoder's offset whose scale error is nothing has one number.
         let count = |c: &Candidate| c.fit.hypothesis.x.len() - usize::from(is_plain_offset(c));
         let gap = self.gap(model, window);
         let least = LazyCell::new(|| gap(&best.fit).min(f64::MAX));
-        let adds_up = |c: &Candidate| *least < FALL * gap(&c.fit);
+        let without = LazyCell::new(|| gap(current));
+        let adds_up = |c: &Candidate| adds_up(*least, gap(&c.fit), || *without);
         let predicts_as_well = |c: &Candidate| gap(&c.fit) <= *least;
         let mut chosen = 0;
         for (i, candidate) in candidates.iter().enumerate().take(NEAREST) {
@@ -556,5 +572,27 @@ impl<'a> Search<'a> {
         }
         let message = "nothing moves in these data: record a slow sweep over the range in both directions, and one at several speeds";
         Err(GapError::data(self.names.join(", "), message))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::adds_up;
+
+    /// Gaps, in shares of the range, with the richer name, with the plainer one and without either.
+    #[track_caller]
+    fn check([rich, plain, without]: [f64; 3], expected: bool) {
+        assert_eq!(adds_up(rich, plain, || without), expected, "{rich} of {plain} of {without}");
+    }
+
+    #[test]
+    fn what_an_engines_own_error_leaves_makes_a_plain_name_rich() {
+        // A torque bias of another engine, beside which an encoder's offset has a number more that bends to steps of the engine.
+        check([2.70e-5, 3.97e-5, 1.3e-3], false);
+        // Most of what is left is taken all the same, or the plain name leaves much.
+        check([1.0e-5, 3.97e-5, 1.3e-3], true);
+        check([2.70e-4, 3.97e-4, 1.3e-3], true);
+        check([7e-5, 0.0144, 0.0150], true);
+        check([3.0e-4, 3.97e-4, 1.3e-3], false);
     }
 }
