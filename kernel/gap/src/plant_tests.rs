@@ -129,6 +129,27 @@ pub(crate) fn double_pendulum(folder: &std::path::Path) -> ObjectModel {
     ObjectModel::read_urdf(folder.join("object.urdf")).unwrap()
 }
 
+/// Coriolis forces are taken at a step's start. Two ways over a piece take the first order off, however fast links fling one another.
+#[test]
+fn two_links_that_fling_one_another_are_followed_to_second_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = double_pendulum(folder.path());
+    let along = |step: f64| {
+        let plant = Plant::new(&model, &[[false; 2]; 2], step).unwrap();
+        let mut motion = plant.motion();
+        motion.state.v.copy_from_slice(&[4.0, -9.0]);
+        let mut positions = Vec::new();
+        for _ in 0..100 {
+            plant.interval(&mut motion, &Trajectory::steady(2, PERIOD, &[0.0, 0.0], vec![Drive::Effort; 2]), 0).unwrap();
+            positions.extend(motion.state.q.iter().copied());
+        }
+        positions
+    };
+    let right = along(2e-5);
+    let off = |step: f64| furthest(&along(step), &right);
+    assert!(off(2.5e-4) < off(1.25e-3) / 15.0 && off(1.25e-3) > 1e-6, "{} and {} rad", off(1.25e-3), off(2.5e-4));
+}
+
 /// A filter sets a joint that stands moving by a little, and friction stops it within less than a careful step: where and when is known.
 #[test]
 fn a_joint_that_friction_stops_at_once_stands_where_it_should() {
