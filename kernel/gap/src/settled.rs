@@ -99,11 +99,11 @@ impl Settled<'_, '_> {
         }
     }
 
-    /// Takes back what stands beside a name that leaves no good part of the gap alone, where a force without a name says as much as all of them: little is
-    /// left of the gap then, and they are what bends to that.
+    /// Takes back what stands beside a name that alone leaves no good part of the gap, where a force without a name says as much as all of them:
+    /// they bend to the little that is left. Of an arm this is not asked, as whether names imitate a force is not.
     pub fn drop_shapes(&mut self) -> Result<(), GapError> {
         let says_most = (0..self.chosen.len()).max_by(|a, b| self.chosen[*a].gain.total_cmp(&self.chosen[*b].gain));
-        let Some(first) = says_most.filter(|_| self.chosen.len() > 1) else { return Ok(()) };
+        let Some(first) = says_most.filter(|_| self.chosen.len() > 1 && !self.search.many_joints()) else { return Ok(()) };
         let names = entries(&self.current.hypothesis);
         // The last first, since those behind one that goes move up.
         let others = (0..names.len()).rev().filter(|at| *at != first);
