@@ -9,7 +9,7 @@ use crate::choice::Choice;
 use crate::fit::Fit;
 use crate::gaps::Measure;
 use crate::search::{Candidate, Search};
-use crate::weigh::{ALL_BUT_CLOSED, CONVINCING, FALL, MATERIAL, MOST_OF_IT};
+use crate::weigh::{ALL_BUT_CLOSED, CONVINCING, FALL, MATERIAL, MOST_TAKEN};
 
 /// Most effects that are looked for at once.
 pub(crate) const MOST: usize = 4;
@@ -354,7 +354,7 @@ impl<'a> Climb<'a> {
         let measure = self.measure(ascent);
         let usual = |fit: &Fit| measure.in_usual_window(&fit.hypothesis).unwrap_or(f64::INFINITY);
         measure.is_far(&self.current.hypothesis, seed)
-            && (usual(fit) < MOST_OF_IT * usual(&self.current)
+            && (usual(fit) < MOST_TAKEN * usual(&self.current)
                 || search.left_of_gap(model, &self.current, fit, window) < FALL
                     && search.left_of_gap(model, &self.base, &self.current, window) > ALL_BUT_CLOSED)
     }

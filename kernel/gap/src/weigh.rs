@@ -41,7 +41,7 @@ pub(crate) const FALL: f64 = 0.7;
 /// Share of the gap that names leave, below which they have all but closed it: their shapes are off by as much. What another takes of that is no
 /// ground to name it, unless it leaves but such a share.
 pub(crate) const ALL_BUT_CLOSED: f64 = 0.05;
-pub(crate) const MOST_OF_IT: f64 = 0.35;
+pub(crate) const MOST_TAKEN: f64 = 0.35;
 /// The share to which a force that is material makes the gap fall, and the force from which on that is not asked.
 pub(crate) const SMALLER: f64 = 0.97;
 const LARGE: f64 = 0.1;
@@ -70,7 +70,7 @@ const SHORTEST: f64 = 5e-4;
 
 /// Is the gap that a richer name leaves a ground to name it, and not the plainer one? `without` is the gap without either.
 fn adds_up(rich: f64, plain: f64, without: impl FnOnce() -> f64) -> bool {
-    rich < FALL * plain && (rich < MOST_OF_IT * plain || plain > ALL_BUT_CLOSED * without())
+    rich < FALL * plain && (rich < MOST_TAKEN * plain || plain > ALL_BUT_CLOSED * without())
 }
 
 impl<'a> Search<'a> {
